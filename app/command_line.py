@@ -1,0 +1,276 @@
+"""The command line: a thin skin over the Python API. Heavy modules are imported by the command that needs them."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+import typer
+
+from headstock.app.guard import run_guarded
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from headstock.pipeline.scene import Scene
+
+PROGRAM = "headstock"
+PROGRAM_HELP = """A FEM-based virtual machine tool: from one scene file to a machine's stiffness and modes.
+
+`headstock test [pytest arguments]` runs the tests.
+
+Exit codes: 0 done, 1 a computation failed (named error), 2 bad input.
+"""
+
+app = typer.Typer(name=PROGRAM, help=PROGRAM_HELP, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
+Variant = Annotated[str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene.")]
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write what is printed as JSON too.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
+Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
+Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
+
+
+@app.command()
+def check(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+    """Check a scene: every problem at once, nothing computed."""
+
+    def action() -> int:
+        from headstock.app.checking import check_scene
+
+        return check_scene(scene, variant, set_ or [], json)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+    """Print the stages a scene calls for, with reasons, dofs and memory."""
+
+    def action() -> int:
+        from headstock.app.console import print_plan
+        from headstock.app.plan_listing import plan_rows
+        from headstock.pipeline.planner import plan_scene
+
+        loaded = _load(scene, variant, set_)
+        planned = plan_scene(loaded)
+        print_plan(loaded.name, planned)
+        _write_json(json, plan_rows(planned))
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def run(
+    scene: SceneFile,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/NAME].")] = None,
+    variant: Variant = None,
+    analysis: Names = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second.")
+    ] = False,
+    accuracy: Annotated[str | None, typer.Option("--accuracy", metavar="SHARE", help="Not available in this version.")] = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Run a scene: static compliance with its budget, natural modes, and what each cost."""
+    if accuracy is not None:
+        raise click.UsageError("--accuracy is not available in this version; choose mesh sizes and modes in the scene")
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.running import RunRequest, run_request
+
+        request = RunRequest(scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures)
+        return run_request(request, comm)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")] = None,
+    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
+    component: Annotated[str | None, typer.Option("--component", metavar="NAME", help="This STEP component of a scene.")] = None,
+    every_face: Annotated[bool, typer.Option("--all", help="List every face, not only the largest.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Draw a STEP part with numbered faces and suggest interfaces, or draw the machine of a scene."""
+
+    def action() -> int:
+        from headstock.app.showing import ShowRequest, show_file
+
+        return show_file(ShowRequest(file, output, _read_solid(solid), component, every_face, json))
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")],
+    part: Annotated[Path | None, typer.Option("--part", metavar="STEP", help="STEP part to start from; it is copied.")] = None,
+    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
+    debug: Debug = False,
+) -> int:
+    """Make a folder with a commented scene that runs as it is."""
+
+    def action() -> int:
+        from headstock.app.starting import StartRequest, start_scene
+
+        return start_scene(StartRequest(folder, part, _read_solid(solid)))
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def export(
+    scene: SceneFile,
+    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Component to reduce.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Superelement file [COMPONENT.h5].")] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    debug: Debug = False,
+) -> int:
+    """Reduce one component and write it as a superelement file for other scenes."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.exporting import ExportRequest, export_component
+
+        request = ExportRequest(scene, component, output or Path(f"{component}.h5"), variant, tuple(set_ or ()), ranks)
+        return export_component(request, comm)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def validate(
+    cases: Annotated[list[str] | None, typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named.")] = None,
+    json: JsonFile = None,
+    ranks: Ranks = None,
+    debug: Debug = False,
+) -> int:
+    """Hold computed numbers against closed forms and published values."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.validating import validate_cases
+
+        return validate_cases(cases or [], json, ranks, comm)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")], debug: Debug = False) -> int:
+    """Write the report of a finished run again, with a PNG of every mode and chart in DIR/figures."""
+
+    def action() -> int:
+        from headstock.app.console import print_remarks
+        from headstock.app.publishing import publish_again
+        from headstock.pipeline.result_files import REPORT_FILE, claim_output, read_summary, read_view
+
+        summary = read_summary(folder)
+        with claim_output(folder):
+            print_remarks(publish_again(folder, summary, read_view(folder)))
+        typer.echo(folder / REPORT_FILE)
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def doctor(json: JsonFile = None, debug: Debug = False) -> int:
+    """Check the environment: libraries, MPI, memory, caches."""
+
+    def action() -> int:
+        from headstock.app.doctor import run_doctor
+
+        return run_doctor(json)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def schema(
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the scene reference instead.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Print the JSON schema of scene files."""
+
+    def action() -> int:
+        from headstock.app.scene_reference import render_reference
+        from headstock.pipeline.results import dump_json
+        from headstock.pipeline.scene_schema import schema_json
+
+        content = schema_json()
+        typer.echo(render_reference(content) if markdown else dump_json(content), nl=False)
+        _write_json(json, content)
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
+def campaign(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz or files.")],
+    runs: Annotated[int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500].")] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 1,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Try faults on purpose: killed runs, full disks, damaged scenes, damaged files."""
+
+    def action() -> int:
+        from headstock.app.campaigning import run_campaign
+
+        return run_campaign(name, runs, seed, json)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+def refuse_test(arguments: Annotated[list[str] | None, typer.Argument(metavar="[PYTEST ARGUMENTS]...")] = None) -> int:
+    """Run the tests (the launcher ./headstock does this itself)."""
+    raise click.UsageError("start the tests through the launcher: ./headstock test")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command line and return its exit code."""
+    try:
+        code = typer.main.get_command(app).main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        typer.echo("interrupted", err=True)
+        return 130
+    return int(code or 0)
+
+
+def _read_solid(text: str | None) -> int | str | None:
+    return int(text) if text is not None and text.isdecimal() else text
+
+
+def _load(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
+    from headstock.pipeline.scene_loader import load_scene
+
+    return load_scene(scene, variant=variant, overrides=overrides or [])
+
+
+def _write_json(path: Path | None, content: Any) -> None:
+    if path is not None:
+        from headstock.pipeline.result_files import write_output
+        from headstock.pipeline.results import dump_json
+
+        write_output(path, dump_json(content).encode())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

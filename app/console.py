@@ -1,0 +1,189 @@
+"""What the terminal shows: stages as they end, and a summary in tables; reads well at 100 columns and without a terminal."""
+
+import math
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from headstock.pipeline.results import Json
+from headstock.pipeline.scene import Scene
+from headstock.pipeline.stages import Plan, StageRecord
+
+WIDTH_WITHOUT_TERMINAL = 100
+CONTRIBUTORS_SHOWN = 5
+SHARES_SHOWN = 3
+BAR_LENGTH = 30
+SMALLEST_SHARE = 0.005
+
+
+def make_console(*, stderr: bool = False) -> Console:
+    """A console that does not colour numbers, 100 columns wide where there is no terminal."""
+    stream = sys.stderr if stderr else sys.stdout
+    # mpirun gives every rank a terminal of its own, wherever its own output goes
+    terminal = stream.isatty() and "OMPI_COMM_WORLD_SIZE" not in os.environ
+    width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
+    return Console(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
+
+
+def print_header(scene: Scene, *, ranks: int) -> None:
+    """Name what is run."""
+    variant = f", variant {scene.variant}" if scene.variant else ""
+    made_of = f"{len(scene.machine.components)} components, {len(scene.machine.joints)} joints{variant}"
+    make_console().print(f"{scene.name}  ({made_of}, {ranks} rank{'s' if ranks > 1 else ''})", style="bold", markup=False)
+
+
+def print_stage(record: StageRecord) -> None:
+    """One line per stage: what, of which component or in which pose, seconds, and what came out."""
+    stage = record.stage
+    subject = stage.component or stage.pose or ""
+    detail = f"cached  {record.detail}" if record.cached else record.detail
+    line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
+    make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
+
+
+def print_plan(name: str, plan: Plan) -> None:
+    """The stages of a plan with their reasons and estimates."""
+    console = make_console()
+    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", "reason")
+    for stage in plan.stages:
+        dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
+        memory = "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
+        add_row(table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason)
+    print_table(console, f"{name}: what the scene calls for", table)
+    _print_warnings(console, plan.warnings)
+
+
+def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
+    """Everything a run found."""
+    console = make_console()
+    console.print()
+    print_table(console, "Components", _component_table(summary["components"]))
+    for pose, points in _static_by_pose(summary).items():
+        for name, point in points.items():
+            _print_point(console, name, point, pose)
+    for pose, probes in summary.get("probes", {}).items():
+        print_table(console, f"Under the static loads in pose {pose}", _probe_table(probes))
+    for modes in summary["modal"]:
+        print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
+    _print_warnings(console, summary["warnings"])
+    for failure in summary["failures"]:
+        console.print(f"failed: {failure}", style="bold red", markup=False)
+    console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)
+
+
+def print_remarks(remarks: Sequence[str]) -> None:
+    """What the user should know of how results were written."""
+    _print_warnings(make_console(), remarks)
+
+
+def spaced(count: int) -> str:
+    """A count in groups of three digits."""
+    return f"{count:,}".replace(",", " ")
+
+
+def sort_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
+    """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
+    return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
+
+
+def _static_by_pose(summary: Json) -> dict[str, Any]:
+    poses: dict[str, Any] = summary.get("static_poses", {"": summary["static"]})
+    return poses
+
+
+def _component_table(components: Json) -> Table:
+    table = make_table("component", "fidelity", ">dofs", ">reduced", ">kg", ">modes to Hz")
+    for name, facts in components.items():
+        cutoff = "-" if not facts["cutoff_hz"] else f"{facts['cutoff_hz']:.0f}"
+        counts = (spaced(facts["full_dofs"]), str(facts["reduced_dofs"]))
+        add_row(table, name, facts["fidelity"], *counts, f"{facts['mass_kg']:.4g}", cutoff)
+    return table
+
+
+def _print_point(console: Console, name: str, point: Json, pose: str) -> None:
+    table = make_table("force", *(f">moves {direction}" for direction in "xyz"))
+    matrix = point["compliance_um_per_kN"]
+    stiffest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
+    decimals = min(9, max(0, 3 - math.floor(math.log10(stiffest))))
+    # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
+    for column, direction in enumerate("xyz"):
+        add_row(table, direction, *(f"{matrix[row][column]:.{decimals}f}" for row in range(3)))
+    print_table(console, f"Static compliance at {name}{f' in pose {pose}' if pose else ''} [µm/kN]", table)
+    for direction, shares in point["budget"].items():
+        _print_budget(console, direction, shares)
+    if point["sentence"]:
+        console.print(f"\n{point['sentence']}", markup=False)
+    console.print()
+
+
+def _print_budget(console: Console, direction: str, shares: dict[str, float]) -> None:
+    ordered = sort_shares(shares)
+    shown = [item for item in ordered[:CONTRIBUTORS_SHOWN] if item[1] >= SMALLEST_SHARE]
+    for index, (name, share) in enumerate(shown):
+        head = f"budget {direction}" if index == 0 else ""
+        bar = "█" * max(1, round(BAR_LENGTH * share))
+        console.print(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, no_wrap=True)
+    rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
+    if rest >= SMALLEST_SHARE:
+        console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False)
+
+
+def _describe_pose(modes: Json) -> str:
+    positions = ", ".join(f"{axis} = {position:g}" for axis, position in modes["pose"].items())
+    return str(modes["pose_name"]) + (f" ({positions}; m, rad)" if positions else "")
+
+
+def _mode_table(modes: Json) -> Table:
+    damped = any(ratio is not None for ratio in modes["damping_ratio"])
+    table = make_table(">no.", ">Hz", *([">damping %"] if damped else []), "mode", "strain energy in")
+    table.columns[1].no_wrap = True
+    rows = zip(modes["frequencies_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True)
+    for index, (frequency, ratio, name, shares) in enumerate(rows):
+        shown = "0" if index < modes["rigid_count"] else f"{frequency:.3f}"
+        percent = [] if not damped else ["-" if ratio is None else f"{100.0 * ratio:.3f}"]
+        add_row(table, str(index + 1), shown, *percent, name, _top_shares(shares))
+    return table
+
+
+def make_table(*headings: str) -> Table:
+    """A light table; a heading that starts with ``>`` is for numbers."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading.removeprefix(">"), justify="right" if heading.startswith(">") else "left")
+    return table
+
+
+def add_row(table: Table, *cells: str) -> None:
+    """Add a row of plain text."""
+    # names come from scenes: a bracket in one is no markup
+    table.add_row(*(Text(cell) for cell in cells))
+
+
+def print_table(console: Console, title: str, table: Table) -> None:
+    """Print a table under a bold title."""
+    console.print(title, style="bold", markup=False)
+    console.print(table)
+
+
+def _top_shares(shares: dict[str, float]) -> str:
+    ordered = sort_shares(shares)[:SHARES_SHOWN]
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in ordered if share >= SMALLEST_SHARE)
+
+
+def _probe_table(probes: Json) -> Table:
+    table = make_table("probe", "in", ">x µm", ">y µm", ">z µm", ">von Mises MPa", ">stress jump")
+    for name, probe in probes.items():
+        moved = (f"{value:.3f}" for value in probe["displacement_um"])
+        add_row(table, name, probe["component"], *moved, f"{probe['von_mises_mpa']:.3f}", f"{100 * probe['stress_jump']:.1f} %")
+    return table
+
+
+def _print_warnings(console: Console, warnings: Sequence[str]) -> None:
+    for warning in warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False)

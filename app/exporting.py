@@ -1,0 +1,40 @@
+"""``headstock export``: one component as a superelement file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.guard import DONE
+from headstock.app.running import require_ranks
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.superelement_export import export_superelement
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    component: str
+    output: Path
+    variant: str | None
+    overrides: tuple[str, ...]
+    ranks: int | None
+
+
+def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
+    """Reduce a component on all ranks, write it and say so.
+
+    Raises:
+        SceneError: The scene has problems.
+        HeadstockError: The component does not exist, or a computation or the file failed.
+    """
+    require_ranks(request.ranks, comm)
+    loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
+    written = export_superelement(share_from_root(comm, loaded), request.component, request.output, comm=comm)
+    if comm.rank == 0:
+        click.echo(written)
+    return DONE

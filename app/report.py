@@ -1,0 +1,165 @@
+"""The report: one HTML file that works offline, made from a summary and from what there is to draw."""
+
+import base64
+import functools
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from headstock.app.console import sort_shares
+from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
+from headstock.app.report_notes import judge_numbers
+from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
+from headstock.app.viewer_data import encode_machine
+from headstock.pipeline.machine_views import MachineView, component_colors
+from headstock.pipeline.mode_files import file_stem
+from headstock.pipeline.result_files import REPORT_FILE, write_output
+from headstock.pipeline.results import Json
+
+TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
+SHARES_NAMED = 3
+SMALLEST_NAMED = 0.02
+
+
+def write_report(folder: Path, summary: Json, view: MachineView | None = None, stills: Mapping[str, bytes] | None = None) -> Path:
+    """Write ``report.html`` into a folder of results.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    path = folder / REPORT_FILE
+    write_output(path, render_report(summary, view, stills).encode())
+    return path
+
+
+def render_report(summary: Json, view: MachineView | None = None, stills: Mapping[str, bytes] | None = None) -> str:
+    """The report as HTML text that refers to nothing outside itself.
+
+    Every number from the summary stands in a ``data`` element, or an SVG text, with its unrounded value as an attribute.
+
+    Args:
+        summary: Content of ``summary.json``.
+        view: What there is to draw; without it the report has no machine view.
+        stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+    """
+    view = view or MachineView()
+    colors = component_colors(view)
+    static = static_by_pose(summary)
+    machine = encode_machine(view, _captions(summary, view))
+    return (
+        _environment()
+        .get_template(TEMPLATE)
+        .render(
+            s=summary,
+            static=static,
+            keys=_key_figures(summary, static),
+            machine=None if machine is None else Markup(machine),
+            stills={pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()},
+            poses=list(view.poses),
+            colors=colors,
+            notes=judge_numbers(summary),
+            downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in list_tables(summary)},
+            style=Markup(_asset(STYLE)),
+            script=Markup(_asset(SCRIPT)),
+        )
+    )
+
+
+def show_number(value: float | None, digits: int = 4, missing: str = "–") -> Markup:
+    """A number to so many significant digits, with its full value beside it for machines."""
+    if value is None:
+        return Markup('<span class="missing">{}</span>').format(missing)
+    return _data(value, format_number(value, digits))
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """A number for readers: thousands apart, a true minus, tiny and huge ones with a power of ten."""
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if value == 0.0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        mantissa, _, exponent = f"{value:.{digits - 2}e}".partition("e")
+        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
+    whole = len(str(int(abs(value)))) if abs(value) >= 1.0 else 0
+    return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def show_matrix_entry(value: float, matrix: list[list[float]]) -> Markup:
+    """An entry of a compliance matrix, as many decimals for all: three digits of its smallest diagonal entry."""
+    smallest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
+    decimals = next((n for n in range(9) if smallest * 10**n >= 100.0), 9)
+    text = f"{value:.{decimals}f}"
+    return _data(value, "0" if float(text) == 0.0 else text.replace("-", "−"))
+
+
+def _data(value: float, text: str) -> Markup:
+    return Markup('<data value="{}">{}</data>').format(repr(value), text)
+
+
+def _raised(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _top_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
+    return [item for item in sort_shares(shares)[:SHARES_NAMED] if item[1] >= SMALLEST_NAMED]
+
+
+def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
+    """What a reader wants first: compliance of the first point in the first pose, and the first mode in which something deforms."""
+    found: Json = {"compliance": None, "sentence": "", "first": None, "pose": None, "point": None}
+    for pose, points in static.items():
+        for name, point in points.items():
+            found |= {"pose": pose, "point": name, "compliance": point["compliance_um_per_kN"], "sentence": point["sentence"]}
+            break
+        break
+    for modes in summary["modal"][:1]:
+        named = list(zip(modes["frequencies_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
+        found["first"] = next(((hz, name) for hz, name in named if "rigid body" not in name), None)
+    return found
+
+
+def _captions(summary: Json, view: MachineView) -> dict[str, list[tuple[str, str, str]]]:
+    captions: dict[str, list[tuple[str, str, str]]] = {name: [] for name in view.poses}
+    for name, pose in view.poses.items():
+        for push in pose.pushes:
+            point, _, direction = push.rpartition(" ")
+            captions[name].append((f"push:{push}", f"Force in {direction}", f"at {point}, static"))
+    for modes in summary["modal"]:
+        for index, (hz, name) in enumerate(zip(modes["frequencies_hz"], modes["mode_names"], strict=True)):
+            lead = "0 Hz" if index < modes["rigid_count"] else f"{format_number(hz)} Hz"
+            captions.setdefault(modes["pose_name"], []).append((f"mode:{index}", lead, name))
+    return captions
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    filters: dict[str, Any] = {
+        "number": show_number,
+        "entry": show_matrix_entry,
+        "share": lambda share: _data(share, percent(share)),
+        "top": _top_shares,
+        "stem": file_stem,
+        "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),
+        "longest": lambda budget: max((share for shares in budget.values() for share in shares.values()), default=1.0) or 1.0,
+    }
+    environment.filters |= filters
+    drawing = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
+    environment.globals |= {**drawing, "directions": DIRECTIONS}
+    return environment
+
+
+@functools.cache
+def _asset(name: str) -> str:
+    return resources.files("headstock.app").joinpath(name).read_text(encoding="utf-8")

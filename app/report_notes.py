@@ -1,0 +1,64 @@
+"""What each number of a report is worth, in plain words."""
+
+from dataclasses import dataclass
+
+from headstock.pipeline.results import Json
+
+
+@dataclass(frozen=True)
+class Note:
+    """A judgement: about what, and what is to be said."""
+
+    subject: str
+    text: str
+
+
+def judge_numbers(summary: Json) -> list[Note]:
+    """Notes on the results that a summary holds, and only on those."""
+    fidelities = {facts["fidelity"] for facts in summary["components"].values()}
+    notes = []
+    if summary["static"]:
+        notes.append(_judge_compliance(elastic="elastic" in fidelities))
+    if summary["modal"]:
+        notes += [_judge_frequencies(summary), _judge_names()]
+    if summary["static"]:
+        notes.append(
+            Note(
+                "Budget",
+                "Shares of the strain energy under a force in that direction at the point; they add up to the whole. A part with a"
+                " large share is the weak link: stiffening it pays most.",
+            )
+        )
+    if "rigid" in fidelities:
+        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "rigid")
+        notes.append(
+            Note("Rigid components", f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.")
+        )
+    notes.append(Note("Joint stiffness", "Taken from the scene as written: no result is better than these values."))
+    return notes
+
+
+def _judge_compliance(*, elastic: bool) -> Note:
+    text = (
+        "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
+    )
+    text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare. " if elastic else ""
+    return Note("Compliance", text.strip())
+
+
+def _judge_frequencies(summary: Json) -> Note:
+    if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
+        return Note("Natural frequencies", "The column “± Hz” holds the estimated error of each frequency.")
+    return Note(
+        "Natural frequencies",
+        "Their error was not estimated in this run. Mesh and reduction as a rule make them come out too high: run again"
+        " with a smaller mesh size and a higher modes_to and see by how much they fall. Damping is not part of these modes.",
+    )
+
+
+def _judge_names() -> Note:
+    return Note(
+        "Names of modes",
+        "X, Y, Z are translations and A, B, C rotations about the machine axes; a component is said to bend or twist when it holds"
+        " a good part of the strain energy.",
+    )

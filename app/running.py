@@ -1,0 +1,96 @@
+"""``headstock run``: from a scene file to results, a printed summary and a report."""
+
+import contextlib
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.console import print_header, print_remarks, print_stage, print_summary
+from headstock.app.guard import DONE, FAILED
+from headstock.app.publishing import publish_run
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.results import dump_json, summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene import Analyses, Scene
+from headstock.pipeline.scene_loader import load_scene
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    output: Path | None
+    variant: str | None
+    analyses: tuple[str, ...]
+    overrides: tuple[str, ...]
+    ranks: int | None
+    json_file: Path | None
+    figures: bool = True
+
+
+def run_request(request: RunRequest, comm: MPI.Comm) -> int:
+    """Run a scene on all ranks and print what came out.
+
+    Raises:
+        SceneError: The scene has problems.
+        click.UsageError: An option does not fit.
+        HeadstockError: A computation failed.
+    """
+    start = time.perf_counter()
+    require_ranks(request.ranks, comm)
+    scene = _load(request) if comm.rank == 0 else None
+    scene = share_from_root(comm, scene)
+    stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
+    output = request.output or Path("results") / stem
+    with claim_output(output) if comm.rank == 0 else contextlib.nullcontext():
+        if comm.rank == 0:
+            print_header(scene, ranks=comm.size)
+        results = run_scene(scene, output, comm=comm, observer=print_stage)
+        if comm.rank == 0:
+            summary = summarise(results)
+            remarks = publish_run(output, summary, results.view, figures=request.figures)
+            if request.json_file is not None:
+                write_output(request.json_file, dump_json(summary).encode())
+            print_remarks(remarks)
+            print_summary(summary, seconds=time.perf_counter() - start, folder=output)
+    return int(share_from_root(comm, FAILED if results.failures else DONE))
+
+
+def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
+    """Refuse a number of ranks that nobody started.
+
+    Raises:
+        click.UsageError: The job has another number of ranks.
+    """
+    if ranks is not None and ranks != comm.size:
+        raise click.UsageError(
+            f"--ranks {ranks} was asked for and {comm.size} run; start through ./headstock, which starts the ranks"
+        )
+
+
+def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
+    """The scene with only the named analyses.
+
+    Raises:
+        click.UsageError: A name is none of the scene's analyses.
+    """
+    kinds = [field.name for field in dataclasses.fields(Analyses)]
+    present = [kind for kind in kinds if getattr(scene.analyses, kind) is not None]
+    for name in names:
+        if name not in present:
+            raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")
+    if not names:
+        return scene
+    kept = {kind: getattr(scene.analyses, kind) if kind in names else None for kind in kinds}
+    return dataclasses.replace(scene, analyses=Analyses(**kept))
+
+
+def _load(request: RunRequest) -> Scene:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    return select_analyses(scene, request.analyses)

@@ -1,0 +1,190 @@
+"""The scene reference as Markdown, made from the schema: ``headstock schema --markdown > docs/scene_reference.md``."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.joint_kinds import KINDS
+
+Json = dict[str, Any]
+
+INTRODUCTION = """\
+# Scene reference
+
+Made from the schema by `./headstock schema --markdown > docs/scene_reference.md`; a test asserts that it is up to date.
+
+A scene is a TOML file. Keys that are not listed here are errors, with a suggestion. Quantities are texts with a unit (`"210 GPa"`,
+`"380 N/um"`, `"12.5 mm"`, `"30 deg"`); plain numbers are for what has no dimension. Names are letters, digits, `_` and `-`. A key in
+square brackets names a table; `NAME` is yours to choose. `component.interface` and `ground` name the ends of joints. Files that a
+scene names lie in its folder or below.
+"""
+
+# table.key: what a type alone does not say
+NOTES = {
+    "Scene.name": "heading of the results; the file's name unless given",
+    "Scene.variants": 'named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`',
+    "Scene.poses": 'axis positions: `X = "10 mm"`; axes left out are at zero; without any pose there is one, `reference`, at zero',
+    "Scene.drives": "accepted and not used in this version",
+    "Scene.effects": "`gravity = true` (or an acceleration), `damping = true` (of the joints); all off unless named",
+    "Scene.free": "the whole machine floats on purpose: no error for missing connections to ground",
+    "Material.E": "Young's modulus",
+    "Material.nu": "Poisson's ratio, above -1 and below 0.495",
+    "Material.rho": "density",
+    "Component.solid": "its shape, in its own frame: parametric solids stand on `z = 0`, centred in x and y",
+    "Component.material": "name of a material; needless where a mass file or superelement brings its own",
+    "Component.mass": "scales the density so that this mass comes out",
+    "Component.at": "where its origin lies in the machine frame, all axes at zero",
+    "Component.rotate": "rotations about its origin, one after the other",
+    "Component.fidelity": "`rigid`: 6 dofs, no mesh; `segmented`: a row of rigid segments on beam springs; `elastic`: FE and Craig–Bampton",
+    "Component.mesh": "for elastic components",
+    "Component.reduction": "for elastic components; without it the planner keeps modes as far as the analyses need them",
+    "Component.interfaces": "areas that joints hold on to",
+    "Component.free": "this body floats on purpose",
+    "Solid.box": "sizes x, y, z",
+    "Solid.step": "STEP file; the unit is the file's own; `headstock show` numbers its faces",
+    "Solid.solid": "which solid of a STEP file with several, by number from 1 or by name",
+    "Solid.mesh": "finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`",
+    "Solid.unit": "length of one unit of a mesh file",
+    "Solid.superelement": "reduced matrices in Headstock's own HDF5 layout",
+    "Interface.face": "`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), "
+    "`set:NAME` (of a mesh file)",
+    "Interface.coupling": "`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3)",
+    "Interface.force": "accept a point- or line-like area although its compliance depends on the mesh",
+    "Interface.patches": "several areas as one interface: `[{ face = \"face:10\" }, { face = \"face:11\" }]`",
+    "Mesh.size": "target element size; from the solid's shape unless given",
+    "Mesh.order": "1 locks in bending and is refused or warned of",
+    "Mesh.cells": "`hex` for boxes only",
+    "Reduction.modes_to": "keep fixed-interface modes up to this frequency",
+    "Reduction.modes": "keep this many",
+    "Reduction.verify": "count the modes below the highest by a Sturm sequence, to prove that none is missing",
+    "Joint.between": "two ends",
+    "Joint.kind": "see the table of kinds below",
+    "Joint.axis": "direction of motion, or of a bolt",
+    "Joint.normal": "second direction, square to the first",
+    "Joint.at": "where it acts, in the machine frame, all axes at zero; the middle of its interfaces unless given",
+    "Joint.stiffness": "keys by kind, see below; `\"rigid\"` holds a direction",
+    "Joint.damping": "viscous, the same keys; used with the effect `damping`",
+    "Joint.allow_negative": "accept a negative stiffness or damping",
+    "Axis.joints": "joints across which the axis moves",
+    "Axis.joint": "the same, for one",
+    "Axis.direction": "of travel; the joint's own axis unless given",
+    "Axis.limits": "lowest and highest position",
+    "Axis.moves": "components that move; worked out from the joints unless given",
+    "Point.tool": "where the tool is",
+    "Point.work": "where the workpiece is; results are tool relative to work",
+    "Support.face": "`component.face`",
+    "Support.at": "`component.interface`: the same area",
+    "Support.fix": "directions held at every node",
+    "Static.at": "points; all of them unless given",
+    "Static.poses": "all of them unless given",
+    "Modal.count": "how many; 6 unless `up_to` is given",
+    "Modal.up_to": "all up to this frequency",
+    "Modal.poses": "all of them unless given",
+    "Limits.elements": "most elements a component may have",
+    "Limits.memory": "most memory a stage may take, by estimate",
+    "Limits.time": "most time the mesh of a component may take",
+}  # fmt: skip
+
+
+def render_reference(schema: Json) -> str:
+    """The reference of all keys as Markdown."""
+    parts = [INTRODUCTION, "## The file", "", schema.get("description", ""), "", *_key_table("Scene", schema)]
+    seen: set[str] = set()
+    for key, rule in schema["properties"].items():
+        name = _table_of(rule)
+        if name is not None:
+            named = "additionalProperties" in rule
+            parts += _section(schema, name, f"{key}.NAME" if named else key, seen, level=2)
+    parts += ["## Kinds of joints", "", *_joint_table()]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _section(schema: Json, name: str, path: str, seen: set[str], *, level: int) -> Iterator[str]:
+    """A table, then the tables inside it that have not been written yet."""
+    if name in seen:
+        return
+    seen.add(name)
+    table = schema["$defs"][name]
+    label = name.removesuffix("Table")
+    yield from [f"{'#' * level} `[{path}]`", "", table.get("description", ""), "", *_key_table(label, table)]
+    for key, rule in table["properties"].items():
+        inner = _table_of(rule)
+        if inner is not None:
+            below = f"{path}.{key}.NAME" if "additionalProperties" in rule else f"{path}.{key}"
+            yield from _section(schema, inner, below, seen, level=3)
+
+
+def _key_table(label: str, table: Json) -> Iterator[str]:
+    required = set(table.get("required", ()))
+    yield from ["| key | value | unless given | |", "|---|---|---|---|"]
+    for key, rule in table["properties"].items():
+        note = NOTES.get(f"{label}.{key}", "")
+        default = "**required**" if key in required else _describe_default(rule)
+        yield f"| `{key}` | {_describe_value(rule)} | {default} | {note} |"
+    yield ""
+
+
+def _table_of(rule: Json) -> str | None:
+    """Name of the table a key holds, in whatever wrapping."""
+    if "$ref" in rule:
+        return str(rule["$ref"]).rsplit("/", 1)[-1]
+    for inner in (*rule.get("anyOf", ()), rule.get("additionalProperties"), rule.get("items")):
+        if isinstance(inner, dict) and (found := _table_of(inner)):
+            return found
+    return None
+
+
+def _describe_value(rule: Json) -> str:
+    if "anyOf" in rule:
+        return " or ".join(_describe_value(option) for option in rule["anyOf"] if option.get("type") != "null")
+    if "$ref" in rule:
+        return "table"
+    if "enum" in rule:
+        return ", ".join(f"`{option}`" for option in rule["enum"])
+    if "description" in rule:
+        examples = ", ".join(f"`{_show(example)}`" for example in rule.get("examples", ()))
+        return f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
+    if rule.get("type") == "array":
+        inner = rule.get("items", {})
+        low, high = rule.get("minItems"), rule.get("maxItems")
+        count = f"{low} × " if low is not None and low == high else ""
+        if "examples" in rule:
+            return f"list, such as `{_show(rule['examples'][0])}`"
+        return f"list of {count}({_describe_value(inner)})" if inner else "list"
+    if rule.get("type") == "object":
+        inner = rule.get("additionalProperties")
+        return f"table of names: {_describe_value(inner)}" if isinstance(inner, dict) and inner else "table"
+    return {"string": "text", "boolean": "`true`, `false`", "integer": "whole number", "number": "number"}.get(
+        rule.get("type", ""), ""
+    )
+
+
+def _describe_default(rule: Json) -> str:
+    default = rule.get("default")
+    return "" if default is None or isinstance(default, dict) or default == [] else f"`{_show(default)}`"
+
+
+def _show(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(_show(item) for item in value)}]"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _joint_table() -> Iterator[str]:
+    yield "Directions are those of the joint: x along `axis` (z for bolted joints and mounts), z along `normal`."
+    yield ""
+    yield from ["| kind | keys of `stiffness` and `damping` | always held | needs |", "|---|---|---|---|"]
+    for kind, rule in KINDS.items():
+        keys = ", ".join(
+            f"`{key}`"
+            if (key,) == tuple(DOF_NAMES[dof] for dof in dofs)
+            else f"`{key}` ({' '.join(DOF_NAMES[dof] for dof in dofs)})"
+            for key, dofs in rule.keys.items()
+        )
+        held = " ".join(DOF_NAMES[dof] for dof in rule.held)
+        needs = [f"`{key}`" for key in rule.required]
+        needs += ["`axis`"] if rule.needs_axis else []
+        needs += ["`normal`"] if rule.needs_normal else []
+        yield f"| `{kind}` | {keys or 'none'} | {held} | {', '.join(needs)} |"

@@ -1,0 +1,133 @@
+"""The tables of a summary as plain rows, for the report and for CSV files."""
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Any
+
+from headstock.app.console import sort_shares
+from headstock.pipeline.mode_files import file_stem
+from headstock.pipeline.results import Json
+
+DIRECTIONS = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """A table: the stem of its file, headings and rows; numbers unrounded."""
+
+    name: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+
+def static_by_pose(summary: Json) -> dict[str, Json]:
+    """Pose to point to compliance; a summary of one pose names it nowhere but in its stages."""
+    if "static_poses" in summary:
+        return dict(summary["static_poses"])
+    if not summary["static"]:
+        return {}
+    pose = next((row["pose"] for row in summary["stages"] if row["stage"] == "static" and row.get("pose")), "reference")
+    return {pose: summary["static"]}
+
+
+def list_tables(summary: Json) -> list[PlainTable]:
+    """Every table of a summary."""
+    tables = [_component_table(summary), _stage_table(summary)]
+    for pose, points in static_by_pose(summary).items():
+        for name, point in points.items():
+            stem = f"{file_stem(pose)}_{file_stem(name)}"
+            tables += [_compliance_table(f"compliance_{stem}", point), _budget_table(f"budget_{stem}", point["budget"])]
+    tables += [_mode_table(modes) for modes in summary["modal"]]
+    tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
+    return tables
+
+
+def encode_csv(table: PlainTable) -> bytes:
+    """A table as CSV (RFC 4180) in UTF-8. A text that a spreadsheet would take for a formula gets an apostrophe before it."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(table.headings)
+    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
+        return f"'{value}"
+    return "" if value is None else value
+
+
+def _component_table(summary: Json) -> PlainTable:
+    headings = (
+        "component",
+        "fidelity",
+        "dofs",
+        "reduced dofs",
+        "mass [kg]",
+        "modes complete to [Hz]",
+        "residual",
+        "worst scaled Jacobian",
+    )
+    rows = tuple(
+        (
+            name,
+            facts["fidelity"],
+            facts["full_dofs"],
+            facts["reduced_dofs"],
+            facts["mass_kg"],
+            facts["cutoff_hz"],
+            facts["residual"],
+            facts.get("mesh_quality", {}).get("minimum_scaled_jacobian"),
+        )
+        for name, facts in summary["components"].items()
+    )
+    return PlainTable("components", headings, rows)
+
+
+def _stage_table(summary: Json) -> PlainTable:
+    keys = ("stage", "component", "pose", "seconds", "peak_rss_mb", "cached", "reason")
+    headings = ("stage", "component", "pose", "seconds", "peak memory [MB]", "from the store", "reason")
+    return PlainTable("stages", headings, tuple(tuple(row.get(key) for key in keys) for row in summary["stages"]))
+
+
+def _compliance_table(name: str, point: Json) -> PlainTable:
+    matrix = point["compliance_um_per_kN"]
+    headings = ("force in", *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS))
+    return PlainTable(name, headings, tuple((d, *(matrix[row][column] for row in range(3))) for column, d in enumerate(DIRECTIONS)))
+
+
+def _budget_table(name: str, budget: Json) -> PlainTable:
+    parts = [part for part, _ in sort_shares(next(iter(budget.values()), {}))]
+    return PlainTable(name, ("part", *budget), tuple((part, *(budget[d].get(part) for d in budget)) for part in parts))
+
+
+def _mode_table(modes: Json) -> PlainTable:
+    parts = sorted({part for shares in modes["energy_share"] for part in shares})
+    headings = ("mode", "frequency [Hz]", "error [Hz]", "damping ratio", "name", *(f"strain energy in {part}" for part in parts))
+    columns = zip(
+        modes["frequencies_hz"], modes["error_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True
+    )
+    rows = tuple(
+        (index + 1, hz, error, damping, name, *(shares.get(part) for part in parts))
+        for index, (hz, error, damping, name, shares) in enumerate(columns)
+    )
+    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
+
+
+def _probe_table(pose: str, probes: Json) -> PlainTable:
+    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
+    moved = tuple(f"displacement {d} [um]" for d in DIRECTIONS)
+    headings = ("probe", "component", *moved, *(f"stress {pair} [MPa]" for pair in pairs), "von Mises [MPa]", "stress jump")
+    rows = tuple(
+        (
+            name,
+            probe["component"],
+            *probe["displacement_um"],
+            *(probe["stress_mpa"][pair] for pair in pairs),
+            probe["von_mises_mpa"],
+            probe["stress_jump"],
+        )
+        for name, probe in probes.items()
+    )
+    return PlainTable(f"probes_{file_stem(pose)}", headings, rows)

@@ -1,0 +1,43 @@
+"""``headstock validate``: the table of numbers held against their references."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.console import make_console
+from headstock.app.guard import DONE, FAILED
+from headstock.app.running import require_ranks
+from headstock.app.validation_table import print_validation
+from headstock.pipeline.result_files import write_output
+from headstock.validation.case_registry import Case
+from headstock.validation.case_rows import ValidationRow
+from headstock.validation.errors import UnknownCaseError
+from headstock.validation.row_files import rows_as_json
+from headstock.validation.validation_runs import run_validation
+
+
+def validate_cases(names: Sequence[str], json_file: Path | None, ranks: int | None, comm: MPI.Comm) -> int:
+    """Compute the rows of cases and groups, print them, and fail when one of them falls short.
+
+    Raises:
+        click.UsageError: A name is unknown.
+    """
+    require_ranks(ranks, comm)
+    console = make_console(stderr=True)
+
+    def report_progress(case: Case, rows: Sequence[ValidationRow]) -> None:
+        failed = sum(not row.passed for row in rows)
+        if comm.rank == 0:
+            console.print(f"{case.name}: {len(rows)} rows" + (f", [red]{failed} failed[/red]" if failed else ""))
+
+    try:
+        rows = run_validation(names, comm=comm, on_case=report_progress)
+    except UnknownCaseError as error:
+        raise click.UsageError(str(error)) from error
+    if comm.rank == 0:
+        print_validation(make_console(), rows)
+        if json_file is not None:
+            write_output(json_file, rows_as_json(rows).encode())
+    return DONE if all(row.passed for row in rows) else FAILED

@@ -1,0 +1,158 @@
+# Sourced by ../headstock: the private Debian 13 root, built once per package list and user.
+
+suite=trixie
+need_kb=4500000
+
+packages() { grep -v -e '^#' -e '^$' "$project/environment/packages.txt"; }
+
+root_path() {
+    key=$({ echo "layout 1 $suite"; packages; } | sha256sum | cut -c1-12)
+    printf '%s\n' "$cache/root-$key"
+}
+
+root_complete() { [ -e "$1/etc/headstock-root" ]; }
+
+# Atomic: the root grows beside its place and is renamed when it is whole. The lock is inherited by the children, so it stays
+# taken while any part of a killed build still runs; whoever gets it next clears what that build left.
+build_root() {
+    mkdir -p -- "$cache"
+    exec 9>"$cache/build.lock"
+    if ! flock -n 9; then
+        say "another headstock is building the environment; waiting for it"
+        flock 9
+    fi
+    if ! root_complete "$root"; then
+        require_builders
+        remove_leftovers
+        check_space
+        growing=$root.growing.$$
+        trap 'stop_build; exit 130' INT
+        trap 'stop_build; exit 143' TERM HUP
+        fill_root "$growing" "$cache/build.log"
+        trap - INT TERM HUP
+        basename -- "$root" >"$growing/etc/headstock-root"
+        rm -f -- "$growing.pipe"
+        mv -- "$growing" "$root"
+        say "environment ready"
+    fi
+    exec 9>&-
+}
+
+fill_root() {
+    say "building the environment in $root (once; two to four minutes, 3 GB)"
+    : >"$2"
+    if bootstrap "$1" "$2" && [ -x "$1/usr/bin/python3" ]; then return; fi
+    # the mirror this machine's own apt uses, where the default one is out of reach
+    remove_tree "$1"
+    mirror=$(host_mirror)
+    if [ -n "$mirror" ]; then
+        say "that failed; trying the mirror of this machine's apt"
+        if bootstrap "$1" "$2" "deb $mirror $suite main" && [ -x "$1/usr/bin/python3" ]; then return; fi
+    fi
+    remove_tree "$1"
+    tail -n 15 -- "$2" >&2
+    fail "the environment could not be built; the whole log is $2"
+}
+
+# bootstrap TARGET LOG [MIRROR]: as root straight into the folder; as an ordinary user through a tar stream, so that the
+# files belong to that user and can be removed again.
+bootstrap() {
+    target=$1 log=$2
+    shift 2
+    mkdir -- "$target"
+    chmod 755 -- "$target"
+    set -- --variant=apt --include="$(packages | tr '\n' ',' | sed 's/,$//')" \
+        --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Retries "3"' \
+        --dpkgopt=force-unsafe-io --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
+        --dpkgopt='path-exclude=/usr/share/locale/*' --dpkgopt='path-include=/usr/share/locale/locale.alias' \
+        "$suite" "$target" "$@"
+    # in the background and waited for, because a shell answers to signals only between foreground commands
+    if [ "$(id -u)" = 0 ]; then
+        setsid mmdebstrap "$@" >>"$log" 2>&1 &
+        builder=$!
+        wait "$builder"
+    else
+        mkfifo -- "$target.pipe"
+        tar -x -C "$target" --no-same-owner --exclude='./dev/*' <"$target.pipe" >>"$log" 2>&1 &
+        unpacker=$!
+        for word; do
+            shift
+            [ "$word" != "$target" ] || word=-
+            set -- "$@" "$word"
+        done
+        setsid mmdebstrap --mode=unshare --format=tar "$@" >"$target.pipe" 2>>"$log" &
+        builder=$!
+        wait "$builder" && wait "$unpacker"
+    fi
+}
+
+stop_build() {
+    # the whole group: mmdebstrap's first process leaves signals to its children
+    [ -z "${builder:-}" ] || kill -- "-$builder" 2>/dev/null || :
+    wait 2>/dev/null || :
+    remove_tree "$growing"
+    say "stopped; nothing was left behind"
+}
+
+remove_tree() { rm -rf -- "$1" "$1.pipe" 2>/dev/null || unshare --map-root-user --map-auto rm -rf -- "$1" || :; }
+
+remove_leftovers() {
+    for leftover in "$cache"/root-*.growing.* "$cache"/pip-*.growing.*; do
+        [ ! -e "$leftover" ] || remove_tree "$leftover"
+    done
+}
+
+check_space() {
+    free=$(df -Pk -- "$cache" | awk 'NR == 2 { print $4 }')
+    [ "$free" -ge "$need_kb" ] || fail "$cache has $((free / 1024)) MB free, $((need_kb / 1024)) are needed: \
+free some, or put the cache elsewhere with XDG_CACHE_HOME=/path"
+}
+
+require_builders() {
+    tools="mmdebstrap bwrap" wanted="mmdebstrap bubblewrap debian-archive-keyring"
+    if [ "$(id -u)" != 0 ]; then tools="$tools newuidmap" wanted="$wanted uidmap"; fi
+    missing=
+    for tool in $tools; do command -v "$tool" >/dev/null || missing="$missing $tool"; done
+    if [ -n "$missing" ]; then get_builders; fi
+    if [ "$(id -u)" != 0 ]; then require_namespaces; fi
+}
+
+get_builders() {
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        say "installing $wanted with apt-get"
+        mkdir -p -- "$cache"
+        if ! { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $wanted; } \
+            >"$cache/apt.log" 2>&1 </dev/null; then
+            tail -n 15 -- "$cache/apt.log" >&2
+            fail "apt-get failed; the whole log is $cache/apt.log"
+        fi
+    elif command -v apt-get >/dev/null; then
+        fail "missing:$missing. Install with: sudo apt-get install $wanted"
+    else
+        fail "missing:$missing. Install them with this system's package manager, or point HEADSTOCK_PYTHON at a Python with dolfinx 0.9"
+    fi
+}
+
+# What mmdebstrap --mode=unshare needs of the kernel and of the user's account, said before anything is downloaded.
+require_namespaces() {
+    for kind in subuid subgid; do
+        has_subordinates "$kind" || fail "$(id -un) has no range of numbers in /etc/$kind for the files of a private system. Give one with: \
+sudo usermod --add-subuids 100000-165535 --add-subgids 100000-165535 $(id -un)"
+    done
+    unshare --user true 2>/dev/null || fail "this machine lets ordinary users make no user namespaces. Allow them with: \
+sudo sysctl kernel.unprivileged_userns_clone=1 kernel.apparmor_restrict_unprivileged_userns=0 (those of the two that exist), \
+or run ./headstock as root"
+}
+
+has_subordinates() {
+    grep -qs -e "^$(id -un):" -e "^$(id -u):" "/etc/$1" && return 0
+    # accounts kept in a directory service
+    command -v getsubids >/dev/null || return 1
+    case $1 in subgid) getsubids -g "$(id -un)" >/dev/null 2>&1 ;; *) getsubids "$(id -un)" >/dev/null 2>&1 ;; esac
+}
+
+# The Debian mirror this machine's apt is set to, if it is set to one.
+host_mirror() {
+    command -v apt-get >/dev/null || return 0
+    apt-get indextargets --format '$(REPO_URI)' 'Origin: Debian' 'Label: Debian' 2>/dev/null | head -n 1
+}

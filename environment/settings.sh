@@ -1,0 +1,98 @@
+# Sourced by ../headstock: ranks, threads, MPI and the paths Python looks in.
+
+# ranks_asked_for ARGS: the N of --ranks N; 1 when there is none, when it is no number (the program says what is wrong with it)
+# or when an mpirun of the caller's already started us.
+ranks_asked_for() {
+    asked=1 previous=
+    for word; do
+        case $word in --ranks=*) asked=${word#--ranks=} ;; esac
+        [ "$previous" != --ranks ] || asked=$word
+        [ "$word" != -- ] || break
+        previous=$word
+    done
+    case $asked in '' | *[!0-9]* | ?????*) asked=1 ;; esac
+    [ -z "${OMPI_COMM_WORLD_SIZE:-}" ] || asked=1
+    echo "$asked"
+}
+
+cores() {
+    count=$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc)
+    if read -r quota period 2>/dev/null </sys/fs/cgroup/cpu.max && [ "$quota" != max ]; then
+        allowed=$(((quota + period - 1) / period))
+        [ "$allowed" -ge "$count" ] || count=$allowed
+    fi
+    echo "$count"
+}
+
+# Cores nobody uses, at least 1, at most 2: a BLAS with more threads than free cores is several times slower than one thread.
+free_threads() {
+    read -r load _ </proc/loadavg || load=0
+    free=$(($(cores) - ${load%%.*}))
+    [ "$free" -ge 1 ] || free=1
+    [ "$free" -le 2 ] || free=2
+    echo "$free"
+}
+
+test_workers() {
+    for word; do
+        case $word in --pdb | --trace | -s | --capture=no | --co | --collect-only | --version | --help) echo 0; return ;; esac
+    done
+    workers=$(cores)
+    [ "$workers" -le 4 ] || workers=4
+    echo "$workers"
+}
+
+# root may write everywhere, so ask the folder's mode and not only the kernel
+read_only_checkout() { [ ! -w "$project" ] || [ -z "$(find "$project" -maxdepth 0 -perm -u+w)" ]; }
+
+mpirun_of() {
+    beside=$(dirname -- "$1")/mpirun
+    if [ -n "$root" ] || [ -x "$beside" ]; then echo "$beside"; else echo mpirun; fi
+}
+
+# OpenBLAS knows CPUs by their number and takes slow kernels for one that is newer than itself. Where the CPU has AVX-512 and
+# OpenBLAS did not see it, name the kernels for it. Asked once per CPU and environment.
+blas_kernels() {
+    grep -qw avx512vl /proc/cpuinfo 2>/dev/null || return 0
+    known=$cache/blas-$({ echo "$root"; grep -m 1 'model name' /proc/cpuinfo; } | sha256sum | cut -c1-12)
+    if [ ! -f "$known" ]; then
+        seen=$(run_inside "$python" -P -c "$blas_code" 2>/dev/null) || seen=unknown
+        case $seen in Prescott | Core2 | Nehalem | Sandybridge | Generic) kernels=SkylakeX ;; *) kernels= ;; esac
+        mkdir -p -- "$cache"
+        echo "$kernels" >"$known.$$" && mv -f -- "$known.$$" "$known"
+    fi
+    cat -- "$known"
+}
+
+blas_code='
+import numpy.linalg, threadpoolctl
+print(*{library.get("architecture") for library in threadpoolctl.threadpool_info() if library["internal_api"] == "openblas"})
+'
+
+export_settings() {
+    OPENBLAS_CORETYPE=${OPENBLAS_CORETYPE:-}
+    inner_path=$PATH
+    threads=1
+    if [ "$mode" != test ] && [ "$ranks" = 1 ]; then threads=$(free_threads); fi
+    threads=${HEADSTOCK_THREADS:-${OMP_NUM_THREADS:-$threads}}
+    export OMP_NUM_THREADS="$threads" OPENBLAS_NUM_THREADS="$threads"
+    if [ -n "$root" ]; then
+        # nothing of the host's own Pythons, compilers and libraries reaches the private root
+        unset PYTHONHOME PYTHONSTARTUP PYTHONUSERBASE LD_LIBRARY_PATH LD_PRELOAD VIRTUAL_ENV CONDA_PREFIX \
+            PETSC_DIR PETSC_ARCH SLEPC_DIR CC CXX CFLAGS CXXFLAGS CPPFLAGS LDFLAGS
+        export LC_ALL=C.UTF-8 PYTHONNOUSERSITE=1
+        inner_path=/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin
+        PYTHONPATH=
+    fi
+    export PYTHONPATH="$project/.typing${PYTHONPATH:+:$PYTHONPATH}"
+    unset PYTHONDONTWRITEBYTECODE
+    if read_only_checkout; then export PYTHONPYCACHEPREFIX="$cache/bytecode"; fi
+    # shared memory only; UCX would look for a network first and complain where it finds none
+    export OMPI_MCA_btl="${OMPI_MCA_btl:-self,sm}" OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}" OMPI_MCA_osc="${OMPI_MCA_osc:-^ucx}"
+    export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"
+    # inside a container the kernel may refuse one process to read another's memory
+    export OMPI_MCA_smsc="${OMPI_MCA_smsc:-^cma}"
+    if [ "$(id -u)" = 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi
+    if [ -z "$dry_run$OPENBLAS_CORETYPE" ]; then OPENBLAS_CORETYPE=$(blas_kernels); fi
+    if [ -n "$OPENBLAS_CORETYPE" ]; then export OPENBLAS_CORETYPE; else unset OPENBLAS_CORETYPE; fi
+}

@@ -1,0 +1,1 @@
+"""What a machine is: frames, materials, solids, interfaces, joints, axes and poses (numpy only)."""

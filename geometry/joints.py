@@ -1,0 +1,75 @@
+"""Joints between interfaces, and the axes that move one side of them."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+
+JointKind = Literal[
+    "rigid", "spring", "linear_guide", "ball_screw", "bolted", "bearing", "mount", "revolute", "universal", "spherical", "prismatic"
+]
+GROUND = "ground"
+
+
+@dataclass(frozen=True)
+class JointEnd:
+    """One end of a joint: an interface of a component, or ground (both None)."""
+
+    component: str | None = None
+    interface: str | None = None
+
+    def __str__(self) -> str:
+        return GROUND if self.component is None else f"{self.component}.{self.interface}"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Two ends that are held together, freed or sprung in a joint frame.
+
+    The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of the first end that is not
+    ground; it moves with that end's component. Both ends are carried to it by rigid levers.
+
+    Attributes:
+        name: Name in the scene.
+        ends: The two ends.
+        kind: What the scene called it.
+        rotation: ``(3, 3)`` joint axes in the machine frame.
+        held: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no relative motion.
+        stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on held dofs.
+        damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
+        point: ``(3,)`` joint point [m] or None.
+    """
+
+    name: str
+    ends: tuple[JointEnd, JointEnd]
+    kind: JointKind
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    held: tuple[int, ...] = ()
+    stiffness: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    damping: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    point: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """A machine axis: its position slides (or turns) every body on the far side of its joints.
+
+    Attributes:
+        name: Name in the scene.
+        joints: Names of the joints across which it moves (guides and drive).
+        moves: Names of the components it carries, worked out from the joint graph or given.
+        direction: ``(3,)`` unit vector in the machine frame.
+        kind: ``linear`` [m] or ``rotary`` [rad].
+        center: ``(3,)`` point on a rotary axis [m].
+        limits: Lowest and highest position [m or rad].
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    moves: tuple[str, ...]
+    direction: FloatArray
+    kind: Literal["linear", "rotary"] = "linear"
+    center: FloatArray = field(default_factory=lambda: np.zeros(3))
+    limits: tuple[float, float] = (-np.inf, np.inf)

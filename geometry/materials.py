@@ -1,0 +1,20 @@
+"""Isotropic linear elastic materials."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Material:
+    """An isotropic, linear elastic material.
+
+    Attributes:
+        name: Name in the scene.
+        youngs_modulus: E [Pa].
+        poisson_ratio: nu [-].
+        density: rho [kg/m^3].
+    """
+
+    name: str
+    youngs_modulus: float
+    poisson_ratio: float
+    density: float

@@ -1,0 +1,1 @@
+"""From solids and mesh files to checked second-order meshes with tagged patches (the only users of gmsh and mesh readers)."""

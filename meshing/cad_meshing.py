@@ -1,0 +1,224 @@
+"""Meshes a CAD shape with gmsh, or only measures it (runs in the child process)."""
+
+import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mass_properties import SolidProperties
+from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.curvature_sizing import SizePlan, apply_sizes, count_curved_cells, measure_curved_faces, size_curved_faces
+from headstock.meshing.element_quality import scaled_jacobians
+from headstock.meshing.errors import MeshError
+from headstock.meshing.mesh_job import MeshData, MeshJob, read_patch
+from headstock.meshing.patch_imprints import OpenShape, imprint_patches
+from headstock.meshing.sizing import (
+    CELL_BUDGET,
+    DEFAULT_FILE_CELLS,
+    LARGEST_SHARE,
+    SIZE_STEP,
+    budget_message,
+    default_size,
+    estimate_tets,
+)
+from headstock.meshing.sliver_faces import refuse_slivers
+from headstock.meshing.solid_shapes import Shape, build_shape
+
+SOLIDS: dict[str, type[Shape]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile)}
+HXT, DELAUNAY = 10, 1
+TETRAHEDRON = {1: 4, 2: 11}
+TRIANGLE = {1: 2, 2: 9}
+SLIVER_QUALITY = 0.02
+OPTIONS: dict[str, float] = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    "Geometry.OCCParallel": 0,
+    "Mesh.ElementOrder": 1,
+    "Mesh.Binary": 1,
+    "Mesh.MaxNumThreads3D": 1,
+    "Mesh.RandomSeed": 1,
+}
+
+
+def mesh_shape(job: MeshJob) -> MeshData:
+    """Build, imprint and (unless only described) mesh the shape of a job.
+
+    Raises:
+        MeshError: The shape cannot be built, imprinted, meshed or would need too many cells.
+    """
+    with open_kernel():
+        solid = read_solid(job)
+        volume = build_shape(solid)
+        size = _element_size(job, solid, volume)
+        if isinstance(solid, StepFile):
+            refuse_slivers(boundary_faces(volume), size=size, unit=job.unit)
+        groups = {name: [read_patch(patch) for patch in patches] for name, patches in job.groups.items()}
+        faces = imprint_patches(_open_shape(job, solid, volume, size), groups)
+        properties = _measure(volume, faces)
+        plan, count = _plan_sizes(job, volume, faces, size)
+        if job.task == "describe":
+            nothing = np.zeros((0, 4), dtype=np.int64)
+            return MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
+        if count > CELL_BUDGET:
+            remedy = ", or remove small holes and fillets" if isinstance(solid, StepFile) else ""
+            raise MeshError(budget_message(count, size * job.unit) + remedy)
+        _generate(job, size, plan)
+        return dataclasses.replace(_collect(job, volume, faces, properties, size), estimate=count)
+
+
+@contextmanager
+def open_kernel() -> Iterator[None]:
+    """An empty gmsh model with the options all jobs share."""
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    try:
+        for name, value in OPTIONS.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        yield
+    finally:
+        gmsh.finalize()
+
+
+def read_solid(job: MeshJob) -> Shape:
+    """The solid of a job."""
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in job.solid.items()}
+    return SOLIDS[fields.pop("kind")](**fields)
+
+
+def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
+    """As asked for, or by the sizing rule; for files coarser until curved faces included there are not too many cells."""
+    if job.size is not None:
+        return job.size
+    low, high = shape_bounds(volume)
+    content, thickness, extent = float(gmsh.model.occ.getMass(3, volume)), _mean_thickness(volume), float((high - low).max())
+    size = default_size(content, thickness, extent)
+    if not isinstance(solid, StepFile):
+        return size
+    curved = measure_curved_faces(boundary_faces(volume), {}, job.order)
+    while size < extent / LARGEST_SHARE:
+        plan = size_curved_faces(curved, volume=content, size=size, order=job.order, refinement=job.refinement)
+        if estimate_tets(content, thickness, size) + count_curved_cells(plan) <= DEFAULT_FILE_CELLS:
+            break
+        size *= SIZE_STEP
+    return size
+
+
+def _mean_thickness(volume: int) -> float:
+    surface = sum(float(gmsh.model.occ.getMass(2, tag)) for tag in boundary_faces(volume))
+    return 2.0 * float(gmsh.model.occ.getMass(3, volume)) / surface
+
+
+def boundary_faces(volume: int) -> list[int]:
+    """Tags of a volume's faces in the order in which ``face:N`` counts them."""
+    return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
+
+
+def _plan_sizes(job: MeshJob, volume: int, faces: dict[str, list[int]], size: float) -> tuple[SizePlan | None, int]:
+    """Element sizes on curved faces and rims, and the number of cells to expect."""
+    content = float(gmsh.model.occ.getMass(3, volume))
+    count = estimate_tets(content, _mean_thickness(volume), size)
+    if job.straight:
+        return None, count
+    curved = measure_curved_faces(boundary_faces(volume), faces, job.order)
+    plan = size_curved_faces(curved, volume=content, size=size, order=job.order, refinement=job.refinement)
+    return plan, count + count_curved_cells(plan)
+
+
+def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper corner ``(3,)`` of a volume's bounding box."""
+    box = np.array(gmsh.model.occ.getBoundingBox(3, volume))
+    return box[:3], box[3:]
+
+
+def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float) -> OpenShape:
+    low, high = shape_bounds(volume)
+    return OpenShape(volume, solid, tuple(boundary_faces(volume)), low, high, size, job.unit, job.refinement, polygons=job.straight)
+
+
+def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
+    occ = gmsh.model.occ
+    areas: dict[str, float] = {}
+    centroids: dict[str, FloatArray] = {}
+    for name, tags in faces.items():
+        parts = np.array([occ.getMass(2, tag) for tag in tags])
+        places = np.array([occ.getCenterOfMass(2, tag) for tag in tags])
+        areas[name] = float(parts.sum())
+        centroids[name] = parts @ places / parts.sum()
+    inertia = np.array(occ.getMatrixOfInertia(3, volume)).reshape(3, 3)
+    return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
+
+
+def _generate(job: MeshJob, size: float, plan: SizePlan | None) -> None:
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    if plan is not None:
+        apply_sizes(plan)
+    if not _mesh_acceptably():
+        limit = f"{job.memory_bytes / 2**30:.3g} GiB of memory"
+        raise MeshError(f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model")
+    if job.order == 2 and not job.straight:
+        gmsh.model.mesh.setOrder(2)
+
+
+def _mesh_acceptably() -> bool:
+    """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is best."""
+    found: dict[int, float] = {}
+    for algorithm in (HXT, DELAUNAY):
+        found[algorithm] = _try_algorithm(algorithm)
+        if found[algorithm] >= SLIVER_QUALITY:
+            return True
+    best = max(found, key=lambda algorithm: found[algorithm])
+    return _try_algorithm(best) > 0.0
+
+
+def _try_algorithm(algorithm: int) -> float:
+    """Mesh with straight tets and return the quality of the worst, 0 where meshing failed."""
+    gmsh.model.mesh.clear()
+    gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
+    try:
+        gmsh.model.mesh.generate(3)
+        if _worst_quality() < SLIVER_QUALITY:
+            gmsh.model.mesh.optimize("")
+    except Exception:  # gmsh raises the bare class; the next algorithm may do
+        return 0.0
+    bare = any(not len(gmsh.model.mesh.getElements(2, tag)[0]) for _, tag in gmsh.model.getEntities(2))
+    return 0.0 if bare else _worst_quality()
+
+
+def _worst_quality() -> float:
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[1])
+    if not len(nodes):
+        return 0.0
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return float(scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min())
+
+
+def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float) -> MeshData:
+    order = 1 if job.straight else job.order
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)
+    per_cell = 4 if order == 1 else 10
+    used = np.unique(cell_nodes)
+    place = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+    place[used] = np.arange(len(used))
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    points = coordinates.reshape(-1, 3)[row[used]]
+    facets = {name: _face_corners(place, tags_of, order) for name, tags_of in faces.items()}
+    kind: CellKind = "tet4" if order == 1 else "tet10"
+    return MeshData(points, place[cell_nodes.reshape(-1, per_cell)], kind, facets, properties=properties, size=size)
+
+
+def _face_corners(place: IntArray, faces: list[int], order: int) -> IntArray:
+    per_facet = 3 if order == 1 else 6
+    parts: list[Any] = []
+    for tag in faces:
+        _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[order], tag)
+        parts.append(place[nodes].reshape(-1, per_facet)[:, :3])
+    return np.concatenate(parts)

@@ -1,0 +1,55 @@
+"""The mesh of one component: plain arrays, in the component's own frame."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+
+IntArray = NDArray[np.int64]
+CellKind = Literal["tet4", "tet10", "hex8", "hex20", "hex27"]
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """What a mesh is worth.
+
+    Attributes:
+        minimum_scaled_jacobian: Smallest scaled Jacobian over all elements (1 ideal, <= 0 inverted).
+        repaired: Number of curved elements that were inverted as meshed and have been straightened or optimised.
+        volume: Volume integrated over the elements [m^3].
+        cad_volume: Volume of the CAD solid [m^3], NaN where there is none.
+        cad_areas: CAD area of each patch group [m^2], NaN where there is none.
+    """
+
+    minimum_scaled_jacobian: float
+    repaired: int
+    volume: float
+    cad_volume: float
+    cad_areas: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentMesh:
+    """Nodes, cells of one kind, and named groups of surface facets.
+
+    Node order inside cells and facets is gmsh's (VTK order differs for hex20/hex27 and the last two edges of tet10).
+
+    Attributes:
+        points: ``(n_points, 3)`` [m]; every point belongs to a cell.
+        cells: ``(n_cells, nodes per cell)`` indices into ``points``.
+        kind: Cell kind; its order is the order of the displacement field.
+        straight: All edges straight and mid-nodes centred: the geometry map is affine (tets) or trilinear (hexes).
+        patches: ``(n_facets, nodes per facet)`` facets (gmsh tri3/tri6/quad4/quad8/quad9) of each patch group: one group per
+            interface name, ``support:NAME`` per support and ``load:NAME`` per load.
+        quality: Checks made when the mesh was made.
+    """
+
+    points: FloatArray
+    cells: IntArray
+    kind: CellKind
+    straight: bool
+    patches: dict[str, IntArray]
+    quality: MeshQuality

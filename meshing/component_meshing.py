@@ -1,0 +1,258 @@
+"""Meshes one component, or measures its solid, in the component's own frame."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from headstock.geometry.components import Component, Load, Patch, Support
+from headstock.geometry.mass_properties import SolidProperties, closed_form_properties, solid_volume
+from headstock.geometry.patches import FACE_DIRECTIONS
+from headstock.geometry.solid_checks import find_solid_faults
+from headstock.geometry.solids import Box, HollowColumn, MeshFile, StepFile, SuperelementFile, Tube
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.element_quality import integrate_mesh
+from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
+from headstock.meshing.mesh_checks import finish_mesh, patch_moments
+from headstock.meshing.mesh_job import MeshData, MeshJob, describe_patch, scale_properties
+from headstock.meshing.mesh_process import run_job
+from headstock.meshing.sizing import (
+    CELL_BUDGET,
+    UNCOUNTED,
+    ParametricSolid,
+    budget_message,
+    default_size,
+    estimate_tets,
+    largest_extent,
+    round_length,
+    thinnest_feature,
+)
+
+# Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are absolute
+JOB_EXTENT = 1000.0
+STEP_UNIT = 1e-3
+DESCRIBE_TIME_LIMIT = 120.0
+LINE_LIKE = 1e-4
+# imprints and curved faces are meshed finer when a mesh fails its checks
+REFINEMENTS = (1, 2, 4)
+
+Groups = dict[str, tuple[Patch, ...]]
+
+
+def mesh_component(
+    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, time_limit: float = 300.0
+) -> ComponentMesh:
+    """Mesh a component and tag its patches.
+
+    Args:
+        component: What to mesh; its placement plays no part.
+        supports: Supports of this component (others are ignored).
+        loads: Loads on patches of this component (others are ignored).
+        time_limit: Seconds that the meshing process may take.
+
+    Returns:
+        The mesh with one patch group per interface, ``support:NAME`` and ``load:NAME``.
+
+    Raises:
+        MeshError: The solid or a patch cannot be meshed as described, or the mesh fails a check.
+    """
+    groups = patch_groups(component, supports, loads)
+    _check_request(component, groups)
+    solid = component.solid
+    what = f"component {component.name!r}"
+    if isinstance(solid, MeshFile):
+        data = _read_file(solid, what, time_limit)
+        return finish_mesh(data, component, groups)
+    if not isinstance(solid, StepFile | SuperelementFile):
+        count, size = _planned_cells(component), element_size(component)
+        if count > CELL_BUDGET:
+            raise MeshError(f"{what}: {budget_message(count, size)}")
+    if component.mesh.cells == "hex":
+        return finish_mesh(_mesh_grid(component, groups, what), component, groups)
+    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
+    may_refine = imprinted or not _has_plane_faces_only(component)
+    for refinement in REFINEMENTS[:-1]:
+        try:
+            return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=refinement), component, groups)
+        except MeshQualityError:
+            if not may_refine:
+                raise
+    return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]), component, groups)
+
+
+def describe_component(component: Component) -> SolidProperties:
+    """Volume, centre, inertia for unit density, and interface areas and centroids of a component, without meshing it.
+
+    Closed forms for boxes, tubes, plates and columns without core holes; the CAD kernel for other solids and patches; the
+    integral over the mesh for mesh files. A mass that the component overrides plays no part.
+
+    Raises:
+        MeshError: The solid cannot be built or a patch does not exist.
+    """
+    groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
+    solid = component.solid
+    what = f"component {component.name!r}"
+    _check_solid(component)
+    if isinstance(solid, MeshFile):
+        mesh = finish_mesh(_read_file(solid, what, DESCRIBE_TIME_LIMIT), component, groups)
+        volume, center, inertia = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
+        return SolidProperties(volume, center, inertia, *patch_moments(mesh.points, mesh.patches))
+    properties = closed_form_properties(component)
+    if properties is None:
+        properties = run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).properties
+    if properties is None:
+        raise MeshError(f"{what}: the CAD kernel returned no properties")
+    return properties
+
+
+def estimate_cells(component: Component) -> int:
+    """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines), before meshing.
+
+    STEP files are measured by the CAD kernel and mesh files are read.
+    """
+    solid = component.solid
+    if isinstance(solid, SuperelementFile):
+        return 0
+    if isinstance(solid, MeshFile):
+        return len(_read_file(solid, f"component {component.name!r}", DESCRIBE_TIME_LIMIT).cells)
+    if isinstance(solid, StepFile):
+        return run_shape_job(component, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
+    return _planned_cells(component)
+
+
+def element_size(component: Component) -> float:
+    """Element size of a parametric solid [m]: as asked for, or by the sizing rule, to 12 digits."""
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        raise ValueError("only parametric solids have a size rule of their own")
+    if component.mesh.size is not None:
+        return round_length(component.mesh.size)
+    return round_length(default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid)))
+
+
+def patch_groups(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> Groups:
+    """Patches of every group of a component, by group name."""
+    groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
+    groups |= {f"support:{s.name}": s.patches for s in supports if s.component == component.name}
+    groups |= {f"load:{load.name}": load.patches for load in loads if load.component == component.name and load.patches}
+    return groups
+
+
+def run_shape_job(
+    component: Component, groups: Groups, *, task: Literal["shape", "describe"] = "shape", time_limit: float, refinement: int = 1
+) -> MeshData:
+    """Run the CAD kernel on a component in a child process and return what it found, in metres."""
+    solid, what = component.solid, f"component {component.name!r}"
+    if isinstance(solid, MeshFile | SuperelementFile):
+        raise MeshError(f"{what}: a {type(solid).__name__} has no CAD shape")
+    scale = STEP_UNIT if isinstance(solid, StepFile) else round_length(largest_extent(solid)) / JOB_EXTENT
+    fields = {"path": str(solid.path), "solid": solid.solid} if isinstance(solid, StepFile) else _scaled_fields(solid, scale)
+    size = None if isinstance(solid, StepFile) and component.mesh.size is None else _wanted_size(component)
+    job = MeshJob(
+        task,
+        {"kind": type(solid).__name__, **fields},
+        {name: [_rounded(describe_patch(patch, scale)) for patch in patches] for name, patches in groups.items()},
+        unit=scale,
+        size=None if size is None else round_length(size / scale),
+        refinement=refinement,
+        order=component.mesh.order,
+        straight=_has_plane_faces_only(component),
+    )
+    data = run_job(job, what=what, time_limit=time_limit)
+    properties = None if data.properties is None else scale_properties(data.properties, scale)
+    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale)
+
+
+def _wanted_size(component: Component) -> float:
+    if isinstance(component.solid, StepFile):
+        return round_length(component.mesh.size or 0.0)
+    return element_size(component)
+
+
+def _scaled_fields(solid: ParametricSolid, scale: float) -> dict[str, Any]:
+    fields = dataclasses.asdict(solid)
+    return {name: value if name.startswith("ribs_") else _scaled(value, scale) for name, value in fields.items()}
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    if isinstance(value, tuple | list):
+        return [_scaled(part, scale) for part in value]
+    return round_length(round_length(value) / scale)
+
+
+def _rounded(patch: dict[str, Any]) -> dict[str, Any]:
+    return patch | {key: [round_length(value) for value in patch[key]] for key in ("center", "size")}
+
+
+def _has_plane_faces_only(component: Component) -> bool:
+    solid = component.solid
+    return not isinstance(solid, StepFile | Tube) and not (isinstance(solid, HollowColumn) and solid.core_hole > 0.0)
+
+
+def _planned_cells(component: Component) -> int:
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        raise ValueError("only parametric solids can be estimated without reading a file")
+    size = element_size(component)
+    if component.mesh.cells == "hex" and isinstance(solid, Box):
+        return int(min(math.prod(float(np.ceil(side / size)) for side in solid.size), UNCOUNTED))
+    return estimate_tets(solid_volume(solid), thinnest_feature(solid), size)
+
+
+def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
+    if not isinstance(component.solid, Box):
+        raise MeshError(f"{what}: only boxes can be meshed with hexes, not {type(component.solid).__name__}; write cells = 'tet'")
+    box = Box(tuple(round_length(side) for side in component.solid.size))  # type: ignore[arg-type]
+    size = element_size(component)
+    try:
+        count = count_grid_cells(grid_lines(box, [patch for patches in groups.values() for patch in patches], size))
+        if count > CELL_BUDGET:
+            raise MeshError(budget_message(count, size))
+        return mesh_box_grid(box, groups, size=size, order=component.mesh.order)
+    except MeshError as error:
+        raise MeshError(f"{what}: {error}") from error
+
+
+def _read_file(solid: MeshFile, what: str, time_limit: float) -> MeshData:
+    data = run_job(MeshJob("file", {"path": str(solid.path)}), what=what, time_limit=time_limit)
+    return dataclasses.replace(data, points=data.points * solid.unit)
+
+
+def _check_request(component: Component, groups: Groups) -> None:
+    what = f"component {component.name!r}"
+    _check_solid(component)
+    settings = component.mesh
+    if settings.order not in (1, 2):
+        raise MeshError(f"{what}: meshes have order 1 or 2, not {settings.order}")
+    if settings.size is not None and not (np.isfinite(settings.size) and settings.size > 0.0):
+        raise MeshError(f"{what}: the mesh size must be above zero, not {settings.size}")
+    for name, patches in groups.items():
+        if not patches:
+            raise MeshError(f"{what}: {name} has no patches; write a face such as {', '.join(FACE_DIRECTIONS)}")
+        forced = name in component.interfaces and component.interfaces[name].force
+        for patch in patches:
+            if patch.shape != "whole" and not forced:
+                _check_imprint(component, name, patch)
+
+
+def _check_solid(component: Component) -> None:
+    faults = find_solid_faults(component.solid)
+    if faults:
+        raise MeshError(f"component {component.name!r}: {'; '.join(faults)}")
+
+
+def _check_imprint(component: Component, name: str, patch: Patch) -> None:
+    what = f"component {component.name!r}: {name}"
+    if not patch.size or not min(patch.size) > 0.0:
+        raise MeshError(f"{what}: a {patch.shape} needs a size above zero, not {patch.size}")
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        return
+    if min(patch.size) < LINE_LIKE * largest_extent(solid):
+        raise MeshError(
+            f"{what}: a {patch.shape} of {min(patch.size):.3g} m is a point or a line on a solid of {largest_extent(solid):.3g} m, "
+            "and its compliance depends on the mesh; write a larger patch, or force = true"
+        )

@@ -1,0 +1,149 @@
+"""How fine each curved face must be meshed: coarse on small fillets, fine where volume or a patch depends on it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import IntArray
+
+LARGEST_TURN = np.pi / 2
+COARSEST_SHARE = 1.0 / 3.0
+FLOOR_STEP, FLOOR_STEPS = 0.8, 20
+CELLS_PER_FACET = 12.0  # measured on filleted blocks: the grading around fine faces fills many layers
+# an arc of angle theta replaced by a parabola (order 2) or chord (order 1) loses this share of its sector
+LOSS = {1: (1.0 / 6.0, 2), 2: (7.8e-4 / (np.pi / 4) ** 4, 4)}
+TURNS = {1: 24, 2: 8}
+PATCH_ANGLE = {1: 0.3, 2: 0.7}
+LOST_SHARE = {1: 1e-2, 2: 5e-4}  # of the volume, and of the area of a plane patch with a round rim
+CLASSES_PER_OCTAVE = 4
+SPOTS = (0.2, 0.5, 0.8)  # shares of both parameter ranges at which curvature is measured
+
+
+@dataclass(frozen=True, eq=False)
+class SizePlan:
+    """Element sizes on the curved faces and rims of a shape, and elsewhere."""
+
+    curved: "CurvedFaces"
+    faces: FloatArray
+    rims: FloatArray
+    elsewhere: float
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedFaces:
+    """The curved faces and rims of a shape.
+
+    Attributes:
+        tags: ``(n,)`` gmsh tags of the curved faces.
+        areas: ``(n,)`` their areas.
+        radii: ``(n,)`` their smallest radii.
+        patches: ``(n,)`` whether they belong to a patch.
+        rims: ``(m, 2)`` round rims of plane patches: gmsh tag of the curve, and the size that keeps the patch's area.
+    """
+
+    tags: IntArray
+    areas: FloatArray
+    radii: FloatArray
+    patches: FloatArray
+    rims: FloatArray
+
+
+def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int) -> CurvedFaces:
+    """Curved faces of the open gmsh model, and the round rims of its plane patches."""
+    chosen = {tag for tags in patch_faces.values() for tag in tags}
+    rows: list[tuple[float, ...]] = []
+    rims: list[tuple[float, float]] = []
+    for tag in faces:
+        radius = _face_radius(tag)
+        if np.isfinite(radius):
+            rows.append((tag, gmsh.model.occ.getMass(2, tag), radius, float(tag in chosen)))
+        elif tag in chosen:
+            rims += _rim_sizes(tag, order)
+    table = np.array(rows, dtype=float).reshape(-1, 4)
+    _, areas, radii, patches = table.T
+    return CurvedFaces(table[:, 0].astype(np.int64), areas, radii, patches, np.array(rims, dtype=float).reshape(-1, 2))
+
+
+def size_curved_faces(curved: CurvedFaces, *, volume: float, size: float, order: int, refinement: int) -> SizePlan:
+    """Element sizes on curved faces: as coarse as volume and patch areas allow.
+
+    Args:
+        curved: Curved faces.
+        volume: Volume of the shape.
+        size: Element size elsewhere.
+        order: 1 or 2.
+        refinement: How many times finer than that the curved faces are to be meshed.
+    """
+    factor, power = LOSS[order]
+    floor = size * COARSEST_SHARE
+    for _ in range(FLOOR_STEPS):
+        angles = np.minimum(np.maximum(floor / curved.radii, 2 * np.pi / TURNS[order]), LARGEST_TURN)
+        lost = float(np.sum(curved.areas * curved.radii / 2 * factor * angles**power))
+        if lost <= LOST_SHARE[order] * volume:
+            break
+        floor *= FLOOR_STEP
+    sizes = np.clip(2 * np.pi * curved.radii / TURNS[order], floor, size)
+    sizes = np.where(curved.patches > 0.0, np.minimum(sizes, PATCH_ANGLE[order] * curved.radii), sizes)
+    return SizePlan(curved, sizes / refinement, curved.rims[:, 1] / refinement, size)
+
+
+def count_curved_cells(plan: SizePlan) -> int:
+    """Number of cells that curved faces add, roughly."""
+    finer = 1.0 - np.minimum(plan.faces / plan.elsewhere, 1.0)
+    return int(CELLS_PER_FACET * np.sum(2.3 * plan.curved.areas / plan.faces**2 * finer))
+
+
+def apply_sizes(plan: SizePlan) -> None:
+    """Tell gmsh the sizes; what is not finer than elsewhere needs no telling."""
+    rims = plan.curved.rims[:, 0].astype(np.int64)
+    classes = [("SurfacesList", *found) for found in _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)]
+    classes += [("CurvesList", *found) for found in _size_classes(rims, plan.rims, plan.elsewhere)]
+    if classes:
+        smallest = gmsh.model.mesh.field.add("Min")
+        gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", [_add_field(*found) for found in classes])
+        gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:
+    """Tags grouped by size, rounded down to a quarter of an octave below the size elsewhere."""
+    steps = np.ceil(CLASSES_PER_OCTAVE * np.log2(size / sizes) - 1e-9).astype(np.int64)
+    return [(size * 2.0 ** (-step / CLASSES_PER_OCTAVE), tags[steps == step].tolist()) for step in np.unique(steps) if step > 0]
+
+
+def _add_field(entities: str, value: float, tags: list[int]) -> int:
+    field = int(gmsh.model.mesh.field.add("Constant"))
+    gmsh.model.mesh.field.setNumber(field, "VIn", value)
+    gmsh.model.mesh.field.setNumbers(field, entities, tags)
+    return field
+
+
+def _face_radius(face: int) -> float:
+    if gmsh.model.getType(2, face) == "Plane":
+        return float("inf")
+    low, high = gmsh.model.getParametrizationBounds(2, face)
+    spots = np.array([[low[0] + a * (high[0] - low[0]), low[1] + b * (high[1] - low[1])] for a in SPOTS for b in SPOTS])
+    largest, smallest, _, _ = gmsh.model.getPrincipalCurvatures(face, spots.ravel())
+    return _radius(float(np.nanmax(np.abs([largest, smallest]))))
+
+
+def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
+    """Round rims of a plane patch with the element size at which together they lose no more than the share of its area."""
+    rims = []
+    for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False):
+        if gmsh.model.getType(1, curve) != "Line":
+            low, high = gmsh.model.getParametrizationBounds(1, curve)
+            radius = _radius(float(gmsh.model.getCurvature(1, curve, [(low[0] + high[0]) / 2])[0]))
+            if np.isfinite(radius):
+                rims.append((int(curve), radius, float(gmsh.model.occ.getMass(1, curve)) * radius / 2))
+    factor, power = LOSS[order]
+    sectors = sum(sector for _, _, sector in rims)
+    allowed = LOST_SHARE[order] * float(gmsh.model.occ.getMass(2, face))
+    angle = min((allowed / (factor * sectors)) ** (1.0 / power), LARGEST_TURN) if sectors > 0.0 else LARGEST_TURN
+    return [(curve, angle * radius) for curve, radius, _ in rims]
+
+
+def _radius(curvature: float) -> float:
+    return 1.0 / curvature if curvature > 0.0 and np.isfinite(curvature) else float("inf")

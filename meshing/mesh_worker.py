@@ -1,0 +1,35 @@
+"""What both child processes do: read a job, perform it within its limits, write the result or one line of refusal."""
+
+import os
+import sys
+from collections.abc import Callable
+
+from headstock.meshing.errors import MeshError
+from headstock.meshing.mesh_job import MeshData, MeshJob, parse_job, write_data
+from headstock.meshing.process_limits import end_with_parent, set_limits
+
+REFUSED = 3
+
+
+def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> int:
+    """Do the job that comes on standard input and write its result to a file the parent holds open.
+
+    Args:
+        arguments: Process number of the parent, and number of the open file that takes the result (npz).
+        perform: Does the job.
+
+    Returns:
+        Exit code: 0 done, 3 refused for a stated reason.
+    """
+    parent, result = (int(word) for word in arguments)
+    end_with_parent(parent)
+    job = parse_job(sys.stdin.read())
+    set_limits(memory_bytes=job.memory_bytes, cpu_seconds=job.cpu_seconds)
+    try:
+        data = perform(job)
+    except MeshError as error:
+        sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
+        return REFUSED
+    with os.fdopen(result, "wb") as file:
+        write_data(file, data)
+    return 0

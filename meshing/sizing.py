@@ -1,0 +1,69 @@
+"""How large elements should be, and how many that makes, before anything is meshed."""
+
+from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
+
+ParametricSolid = Box | Tube | Plate | HollowColumn
+CELL_BUDGET = 3_000_000
+UNCOUNTED = 1e30  # beyond this the number of cells says nothing, and overflows
+TETS_PER_CUBE = 5.2  # measured: tets per (volume / size^3) in blocks
+TETS_PER_SHEET = 7.0  # measured: tets per (mid-surface / size^2) where walls are thinner than the elements
+ELEMENTS_ACROSS_PATCH = 4
+LARGEST_SHARE = 6.0
+SMALLEST_SHARE = 40.0
+DEFAULT_CELLS = 150_000
+DEFAULT_FILE_CELLS = 75_000  # of CAD parts, whose thin walls have more nodes per cell than blocks
+SIZE_STEP = 1.25
+
+
+def round_length(value: float) -> float:
+    """A length rounded to 12 significant digits, so that units and float noise cannot change a mesh."""
+    return float(f"{value:.12g}")
+
+
+def thinnest_feature(solid: ParametricSolid) -> float:
+    """Smallest thickness of material in a parametric solid [m]."""
+    if isinstance(solid, Tube):
+        wall = (solid.outer_diameter - solid.inner_diameter) / 2
+        return min(solid.length, wall if solid.inner_diameter > 0.0 else solid.outer_diameter)
+    if isinstance(solid, HollowColumn):
+        ribs = [solid.rib] if solid.ribs_x or solid.ribs_y or solid.ribs_z else []
+        return min(solid.wall, solid.cap, *ribs) if ribs else min(solid.wall, solid.cap)
+    if isinstance(solid, Plate) and solid.rib_height > 0.0 and solid.ribs_x + solid.ribs_y > 0:
+        return min(*solid.size, solid.rib_thickness)
+    return min(solid.size)
+
+
+def largest_extent(solid: ParametricSolid) -> float:
+    """Longest side of a parametric solid's bounding box [m]."""
+    if isinstance(solid, Tube):
+        return max(solid.outer_diameter, solid.length)
+    height = solid.rib_height if isinstance(solid, Plate) else 0.0
+    return max(solid.size[0], solid.size[1], solid.size[2] + height)
+
+
+def default_size(volume: float, thinnest: float, extent: float) -> float:
+    """Element size [m] from a solid's volume [m^3], thinnest feature [m] and longest side [m].
+
+    Two elements through the thinnest feature, but between 1/40 and 1/6 of the longest side, and coarser where that would make
+    more than 150 000 elements.
+    """
+    size = min(max(thinnest / 2, extent / SMALLEST_SHARE), extent / LARGEST_SHARE)
+    while estimate_tets(volume, thinnest, size) > DEFAULT_CELLS and size < extent / LARGEST_SHARE:
+        size *= SIZE_STEP
+    return size
+
+
+def estimate_tets(volume: float, thinnest: float, size: float) -> int:
+    """Number of tets of a given size in a solid, as a block or as a sheet, whichever is more."""
+    block = TETS_PER_CUBE * volume / size / size / size
+    sheet = TETS_PER_SHEET * volume / thinnest / size / size
+    return int(min(max(block, sheet), UNCOUNTED))
+
+
+def budget_message(count: int, size: float) -> str:
+    """What to tell the user when a mesh would be too large; size in [m]."""
+    coarser = size * (count / CELL_BUDGET) ** (1.0 / 3.0) * 1.1
+    return (
+        f"elements of {size:.4g} m would make about {count:.3g} cells, more than the budget of {CELL_BUDGET:.3g}; "
+        f"write a mesh size of {coarser:.2g} m or more"
+    )

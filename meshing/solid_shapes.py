@@ -1,0 +1,113 @@
+"""CAD shapes of solids in the open gmsh model (OpenCASCADE kernel)."""
+
+from pathlib import Path
+
+import gmsh
+
+from headstock.geometry.patches import column_cells, planar_boxes
+from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.meshing.errors import MeshError
+
+Shape = Box | Tube | Plate | HollowColumn | StepFile
+DimTags = list[tuple[int, int]]
+
+
+def build_shape(solid: Shape) -> int:
+    """Build a solid and return the tag of its volume.
+
+    Raises:
+        MeshError: The shape cannot be built or is not one solid.
+    """
+    if isinstance(solid, StepFile):
+        volume = _import_step(solid)
+    elif isinstance(solid, Tube):
+        volume = _build_tube(solid)
+    else:
+        volume = _build_planar(solid)
+    gmsh.model.occ.synchronize()
+    return volume
+
+
+def _build_tube(tube: Tube) -> int:
+    occ = gmsh.model.occ
+    outer = occ.addCylinder(0, 0, 0, 0, 0, tube.length, tube.outer_diameter / 2)
+    if tube.inner_diameter == 0.0:
+        return int(outer)
+    inner = occ.addCylinder(0, 0, 0, 0, 0, tube.length, tube.inner_diameter / 2)
+    return _one_volume(occ.cut([(3, outer)], [(3, inner)])[0])
+
+
+def _build_planar(solid: Box | Plate | HollowColumn) -> int:
+    occ = gmsh.model.occ
+    boxes = planar_boxes(solid)
+    if isinstance(solid, Plate):  # ribs overlap where they cross: fuse them instead of subtracting the crossings
+        boxes = [box for box in boxes if box[0] > 0.0]
+    tags = [(3, int(occ.addBox(*low, *(high - low)))) for _, low, high in boxes]
+    if len(tags) == 1:
+        return tags[0][1]
+    if isinstance(solid, HollowColumn):
+        tools = tags[1:] + (_core_holes(solid) if solid.core_hole > 0.0 else [])
+        return _one_volume(occ.cut(tags[:1], tools)[0])
+    return _one_volume(occ.fuse(tags[:1], tags[1:])[0])
+
+
+def _core_holes(column: HollowColumn) -> DimTags:
+    """Cylinders that pierce caps and horizontal ribs along z, and vertical ribs along their normals, in every cell."""
+    occ = gmsh.model.occ
+    x_cells, y_cells, z_cells = column_cells(column)
+    middles = [[(low + high) / 2 for low, high in cells] for cells in (x_cells, y_cells, z_cells)]
+    radius = column.core_hole / 2
+    length = column.size[2]
+    tags = [occ.addCylinder(x, y, -0.1 * length, 0, 0, 1.2 * length, radius) for x in middles[0] for y in middles[1]]
+    spans = [(cells[0][0], cells[-1][1]) for cells in (x_cells, y_cells)]
+    if column.ribs_x:
+        reach = spans[0][1] - spans[0][0]
+        tags += [occ.addCylinder(spans[0][0], y, z, reach, 0, 0, radius) for y in middles[1] for z in middles[2]]
+    if column.ribs_y:
+        reach = spans[1][1] - spans[1][0]
+        tags += [occ.addCylinder(x, spans[1][0], z, 0, reach, 0, radius) for x in middles[0] for z in middles[2]]
+    return [(3, int(tag)) for tag in tags]
+
+
+def _import_step(solid: StepFile) -> int:
+    path = Path(solid.path)
+    if not path.is_file():
+        raise MeshError(f"there is no file {path}")
+    with path.open("rb") as file:
+        if b"ISO-10303-21" not in file.read(4096):
+            raise MeshError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
+    try:
+        found = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
+    except Exception as error:  # gmsh raises the bare class
+        raise MeshError(f"{path.name} cannot be read as STEP: {error}") from error
+    gmsh.model.occ.synchronize()
+    volumes = [tag for dim, tag in found if dim == 3]
+    if not volumes:
+        raise MeshError(f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body")
+    chosen = _choose_solid(solid.solid, volumes, path.name)
+    gmsh.model.occ.remove([(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True)
+    return chosen
+
+
+def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> int:
+    names = [str(gmsh.model.getEntityName(3, tag)).split("/")[-1] for tag in volumes]
+    listing = ", ".join(f"{i}: {name or 'no name'}" for i, name in enumerate(names, 1))
+    if wanted is None and len(volumes) == 1:
+        return volumes[0]
+    if wanted is None:
+        raise MeshError(f"{file} holds {len(volumes)} solids; choose one by number or name ({listing})")
+    if isinstance(wanted, int):
+        if not 1 <= wanted <= len(volumes):
+            raise MeshError(f"{file} has no solid number {wanted}, counted from 1; it holds {listing}")
+        return volumes[wanted - 1]
+    matches = [tag for tag, name in zip(volumes, names, strict=True) if name == wanted]
+    if len(matches) != 1:
+        raise MeshError(f"{file} has {len(matches)} solids named {wanted!r}; it holds {listing}")
+    return matches[0]
+
+
+def _one_volume(found: DimTags) -> int:
+    volumes = [tag for dim, tag in found if dim == 3]
+    if len(volumes) != 1:
+        raise MeshError(f"the solid falls into {len(volumes)} parts; check wall, rib and hole sizes")
+    return int(volumes[0])

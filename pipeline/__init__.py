@@ -1,0 +1,1 @@
+"""Scenes, units, planning, running, the store of superelements and the result files."""

@@ -1,0 +1,127 @@
+"""Files that are either the old one or the whole new one, whatever happens while they are written."""
+
+import contextlib
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Self
+
+SUFFIX = ".part"
+
+
+class PendingFiles:
+    """Files that appear together, once all of them are safely on the disk; a context manager.
+
+    A temporary never stays behind, except where the process is killed: the next writer of the same file then removes it.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, Path, Path]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for handle, temporary, _path in self._waiting:
+            temporary.unlink(missing_ok=True)
+            os.close(handle)  # after the temporary is gone, since closing gives up the lock
+        self._waiting.clear()
+
+    def add(self, path: Path, content: bytes, *, mode: int = 0o644) -> None:
+        """Write to a temporary neighbour of ``path`` and flush it to the disk.
+
+        Raises:
+            OSError: The folder is not writable, the disk is full or the device reports an error.
+        """
+        _remove_abandoned(path)
+        handle, temporary = _open_temporary(path)
+        self._waiting.append((handle, temporary, path))
+        with os.fdopen(os.dup(handle), "wb") as file:
+            file.write(content)
+        os.fchmod(handle, mode)
+        os.fsync(handle)
+
+    def publish(self) -> None:
+        """Rename every temporary over its file.
+
+        Raises:
+            OSError: A rename failed; the files before it in the order they were added are new, the others old.
+        """
+        for _handle, temporary, path in self._waiting:
+            temporary.replace(path)
+        for folder in {path.parent for _handle, _temporary, path in self._waiting}:
+            _flush_folder(folder)
+
+
+def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
+    """Write one file so that a reader sees the old one or the whole new one.
+
+    Raises:
+        OSError: The folder is not writable, the disk is full or the device reports an error; an earlier file is untouched.
+    """
+    with PendingFiles() as pending:
+        pending.add(path, content, mode=mode)
+        pending.publish()
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path) -> Iterator[bool]:
+    """Hold a folder for this process while the body runs; True when nobody else holds it.
+
+    The kernel gives the lock up when the process ends, however it ends. Where the file system knows no locks, nothing is held.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield _lock(handle)
+    finally:
+        os.close(handle)
+
+
+def _open_temporary(path: Path) -> tuple[int, Path]:
+    while True:
+        handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=SUFFIX, dir=path.parent)
+        _lock(handle)
+        if os.fstat(handle).st_nlink:
+            return handle, Path(name)
+        os.close(handle)  # another writer took it for abandoned before it was locked
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove temporaries of ``path`` that no living process writes."""
+    prefix = _prefix(path)
+    for found in list(path.parent.iterdir()):
+        if not (found.name.startswith(prefix) and found.name.endswith(SUFFIX)):
+            continue
+        with contextlib.suppress(OSError):
+            handle = os.open(found, os.O_RDWR | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                found.unlink(missing_ok=True)
+            finally:
+                os.close(handle)
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name}."
+
+
+def _lock(handle: int) -> bool:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system without locks
+    return True
+
+
+def _flush_folder(folder: Path) -> None:
+    # some network file systems refuse to open folders; the rename itself has already happened
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

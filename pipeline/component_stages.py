@@ -1,0 +1,146 @@
+"""The stages that turn one component into a superelement: mesh, reduce, rigid, segment, load."""
+
+import dataclasses
+import importlib
+from typing import cast
+
+from headstock.geometry.components import Component
+from headstock.geometry.solids import SuperelementFile
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.meshing.mesh_skins import mesh_skin
+from headstock.pipeline.content_keys import mesh_key, superelement_key
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState, component_loads, component_supports
+from headstock.pipeline.stages import Stage
+from headstock.pipeline.store import read_entry, write_entry
+from headstock.pipeline.superelement_files import read_superelement
+from headstock.reduction.rigid_reduction import reduce_rigid
+from headstock.reduction.segmented_reduction import reduce_segmented
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import check_superelement
+
+# dolfinx, PETSc and SLEPc take a second to import: the one module that needs them is loaded when something is really reduced, so
+# that a run whose superelements all come from the store does without
+ELASTIC_MODULE = "headstock.reduction.elastic_reduction"
+
+
+def run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
+    """Mesh a component, unless its superelement or its mesh is in the store; every rank gets the mesh it will need."""
+    component = _component(state, stage)
+    outcome = Outcome()
+    mesh: ComponentMesh | None = None
+    if state.is_root and _load_reduced(state, component):
+        outcome = Outcome(cached=True, detail="not needed")
+    elif state.is_root:
+        mesh, outcome = _load_or_make_mesh(state, component)
+    if state.is_root and any(probe.component == component.name for probe in state.scene.machine.probes.values()):
+        state.probe_meshes[component.name] = mesh or _load_or_make_mesh(state, component)[0]
+    mesh = share_from_root(state.comm, mesh)
+    if mesh is not None:
+        state.meshes[component.name] = mesh
+    return outcome
+
+
+def run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
+    """Assemble and reduce a component on all ranks, unless its superelement is in the store."""
+    component = _component(state, stage)
+    if component.name not in state.meshes:
+        return Outcome(cached=True, detail=_describe(state.reduced[component.name].superelement) if state.is_root else "")
+    mesh = state.meshes.pop(component.name)
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    elastic = importlib.import_module(ELASTIC_MODULE)
+    modes = elastic.mode_target(component) if state.plan.with_modes else None
+    request = elastic.ReductionRequest(modes=modes, gravity=state.plan.gravity is not None)
+    superelement: Superelement = elastic.reduce_elastic(component, mesh, supports, loads, comm=state.comm, request=request)
+    if not state.is_root:
+        return Outcome()
+    check_superelement(superelement)
+    reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
+    state.reduced[component.name] = reduced
+    state.warn(write_entry(state.store, _reduced_key(state, component), reduced))
+    return Outcome(detail=_describe(superelement))
+
+
+def run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
+    """Make a rigid superelement from a component's mass properties."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = reduce_rigid(component, describe_component(component), component_loads(state, component))
+        state.reduced[component.name] = ReducedComponent(superelement)
+        return Outcome(detail=f"{superelement.mass_kg:.4g} kg")
+    return Outcome()
+
+
+def run_segment_stage(state: RunState, stage: Stage) -> Outcome:
+    """Cut a component into a row of rigid segments on beam springs."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = reduce_segmented(component, describe_component(component), component_loads(state, component))
+        state.reduced[component.name] = ReducedComponent(superelement)
+        return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
+    return Outcome()
+
+
+def run_load_stage(state: RunState, stage: Stage) -> Outcome:
+    """Read an imported superelement and check it like one of our own."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = dataclasses.replace(read_superelement(cast(SuperelementFile, component.solid).path), name=component.name)
+        check_superelement(superelement)
+        state.reduced[component.name] = ReducedComponent(superelement)
+        return Outcome(detail=_describe(superelement))
+    return Outcome()
+
+
+def _component(state: RunState, stage: Stage) -> Component:
+    if stage.component is None:
+        raise ValueError(f"a {stage.kind} stage needs a component")
+    return state.plan.components[stage.component]
+
+
+def _load_reduced(state: RunState, component: Component) -> bool:
+    read = read_entry(state.store, _reduced_key(state, component), ReducedComponent)
+    state.warn(read.warning)
+    if read.value is None:
+        return False
+    # equal components share an entry: the name is not part of the key
+    superelement = dataclasses.replace(read.value.superelement, name=component.name)
+    state.reduced[component.name] = dataclasses.replace(read.value, superelement=superelement)
+    return True
+
+
+def _reduced_key(state: RunState, component: Component) -> str:
+    return superelement_key(
+        component,
+        component_supports(state, component),
+        component_loads(state, component),
+        with_modes=state.plan.with_modes,
+        with_gravity=state.plan.gravity is not None,
+    )
+
+
+def _load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    key = mesh_key(component, supports, loads)
+    read = read_entry(state.store, key, ComponentMesh)
+    state.warn(read.warning)
+    mesh = read.value
+    if mesh is None:
+        limit = state.scene.limits.time_s
+        mesh = (
+            mesh_component(component, supports, loads)
+            if limit is None
+            else mesh_component(component, supports, loads, time_limit=limit)
+        )
+        state.warn(write_entry(state.store, key, mesh))
+    return mesh, Outcome(cached=read.value is not None, detail=f"{_spaced(3 * len(mesh.points))} dofs")
+
+
+def _describe(superelement: Superelement) -> str:
+    modes = superelement.modal_count
+    return f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs" + (f", {modes} modes" if modes else "")
+
+
+def _spaced(count: int) -> str:
+    return f"{count:,}".replace(",", " ")

@@ -1,0 +1,169 @@
+"""The stages that work on the coupled machine: couple, static, modal. Only rank 0 has anything to do."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
+from headstock.pipeline.results import PointCompliance, PoseModes
+from headstock.pipeline.run_state import Outcome, RunState
+from headstock.pipeline.stages import Stage
+from headstock.reduction.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
+from headstock.reduction.coupling import CoupledMachine, couple
+from headstock.reduction.dof_layout import turn_dofs
+from headstock.reduction.free_motions import find_free_motions, solve_machine_static
+from headstock.reduction.mode_naming import name_modes
+from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.errors import ModelError
+from headstock.solvers.modal_analysis import solve_modal
+
+DAMPING = "damping"
+UNSTABLE = 1e-9
+
+
+def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
+    """Couple the superelements in a pose."""
+    if not state.is_root:
+        return Outcome()
+    superelements = {name: state.reduced[name].superelement for name in state.plan.components}
+    pose = state.plan.poses[_pose_name(stage)]
+    state.coupled = couple(superelements, state.scene.machine, pose, gravity=state.plan.gravity)
+    for message in state.coupled.warnings:
+        state.warn(message)
+    state.skins = {
+        name: component_skin(state.plan.components[name], part.superelement, part.skin) for name, part in state.reduced.items()
+    }
+    state.views[pose.name] = view_pose(state.coupled, state.scene.machine)
+    return Outcome(detail=f"{len(state.coupled.system.labels)} dofs")
+
+
+def run_static_stage(state: RunState, stage: Stage) -> Outcome:
+    """Compliance and its budget at every point asked for; a mechanism is refused, and the run goes on."""
+    if not state.is_root:
+        return Outcome()
+    coupled, request = _coupled(state), state.scene.analyses.static
+    if request is None:
+        raise ValueError("a static stage needs a static analysis in the scene")
+    try:
+        points = {name: _point_compliance(coupled, name) for name in request.at}
+    except ModelError as error:
+        state.failures.append(f"static analysis in pose {stage.pose}: {error}")
+        return Outcome(detail="refused: see below")
+    state.static[_pose_name(stage)] = points
+    pushes = {
+        f"{name} {direction}": _push_shifts(state, coupled, coupled.system.inputs[name, direction])
+        for name in request.at
+        for direction in DIRECTIONS
+    }
+    _add_to_view(state, stage, pushes=pushes)
+    return Outcome(detail=f"{', '.join(points)}")
+
+
+def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
+    """Natural modes with names and energy shares."""
+    if not state.is_root:
+        return Outcome()
+    coupled, request = _coupled(state), state.scene.analyses.modal
+    if request is None:
+        raise ValueError("a modal stage needs a modal analysis in the scene")
+    result = solve_modal(coupled.system, count=request.count, up_to_hz=request.up_to_hz)
+    ratios, damped_hz = _damping(state, coupled, len(result.frequencies_hz))
+    named = name_modes(coupled, result)
+    stacked = coupled.basis @ result.shapes
+    count = len(result.frequencies_hz)
+    state.warn(_free_motion_warning(state, coupled, result.rigid_count))
+    state.modal.append(
+        PoseModes(
+            pose=state.plan.poses[_pose_name(stage)],
+            frequencies_hz=result.frequencies_hz,
+            rigid_count=min(result.rigid_count, count),
+            error_hz=(None,) * count,
+            damping_ratio=ratios,
+            damped_hz=damped_hz,
+            mode_names=named.names,
+            energy_share=named.strain_shares,
+            kinetic_share=named.kinetic_shares,
+            shapes=stacked,
+            displacements=_recover_displacements(state, coupled, stacked),
+            placements=dict(coupled.placements),
+        )
+    )
+    _add_to_view(state, stage, shifts=shift_skins(coupled, state.skins, stacked))
+    span = f"{result.frequencies_hz[0]:.4g} .. {result.frequencies_hz[-1]:.4g} Hz" if count else "none in the range"
+    return Outcome(detail=f"{count} modes, {span}")
+
+
+def _push_shifts(state: RunState, coupled: CoupledMachine, load: FloatArray) -> dict[str, ShiftArray]:
+    motion = solve_machine_static(coupled, load).displacements
+    shifts = shift_skins(coupled, state.skins, (coupled.basis @ motion)[:, None])
+    return {name: shift[0] for name, shift in shifts.items()}
+
+
+def _add_to_view(state: RunState, stage: Stage, **fields: Any) -> None:
+    pose = _pose_name(stage)
+    state.views[pose] = dataclasses.replace(state.views[pose], **fields)
+
+
+def _damping(state: RunState, coupled: CoupledMachine, count: int) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """Damping ratio and damped frequency of the first modes; all None unless the scene names the effect."""
+    if DAMPING not in state.scene.effects:
+        return (None,) * count, (None,) * count
+    if coupled.system.damping is None:
+        state.warn("the effect damping is on, but no joint has any damping: every damping ratio is zero")
+    damped = solve_damped(coupled.system)
+    for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
+        if pole.real > UNSTABLE * abs(pole):
+            state.warn(
+                f"a motion near {hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
+            )
+    return damping_of_undamped(damped, count)
+
+
+def _point_compliance(coupled: CoupledMachine, name: str) -> PointCompliance:
+    found = point_budget(coupled, name)
+    softest = DIRECTIONS[int(np.argmax(np.diag(found.compliance)[:3]))]
+    link = find_weakest_link(coupled, name, softest, found)
+    displacement = None
+    if coupled.loads:
+        motion = solve_machine_static(coupled, np.sum(list(coupled.loads.values()), axis=0)).displacements
+        displacement = np.array([coupled.system.outputs[name, dof] @ motion for dof in DOF_NAMES])
+    return PointCompliance(found.compliance, found.shares, "" if link is None else str(link), displacement)
+
+
+def _free_motion_warning(state: RunState, coupled: CoupledMachine, rigid_count: int) -> str | None:
+    """Names the motions that meet no stiffness, unless every body in them is declared free."""
+    if rigid_count == 0:
+        return None
+    motions = find_free_motions(coupled)
+    components = state.plan.components
+    unexpected = [motion for motion in motions if not motion.bodies or not all(components[name].free for name in motion.bodies)]
+    if not unexpected:
+        return None
+    return (
+        f"{len(motions)} rigid motion(s) meet no stiffness and have no frequency: {'; '.join(str(motion) for motion in unexpected)}"
+    )
+
+
+def _recover_displacements(state: RunState, coupled: CoupledMachine, stacked: FloatArray) -> dict[str, FloatArray]:
+    """Component to ``(m, n_points, 3)`` displacement of its mesh points in its own axes [m / sqrt(kg)]."""
+    found: dict[str, FloatArray] = {}
+    for name, reduced in state.reduced.items():
+        recovery = reduced.superelement.recovery
+        if recovery is not None:
+            own = turn_dofs(reduced.superelement, coupled.placements[name]) @ stacked[coupled.offsets[name]]
+            found[name] = (recovery @ own).T.reshape(stacked.shape[1], -1, 3)
+    return found
+
+
+def _coupled(state: RunState) -> CoupledMachine:
+    if state.coupled is None:
+        raise ValueError("an analysis needs a coupled machine before it")
+    return state.coupled
+
+
+def _pose_name(stage: Stage) -> str:
+    if stage.pose is None:
+        raise ValueError(f"a {stage.kind} stage needs a pose")
+    return stage.pose

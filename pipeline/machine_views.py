@@ -1,0 +1,150 @@
+"""What a picture of the machine needs: surfaces, and in each pose placements, joints, points and how the surfaces move in modes."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.components import Component
+from headstock.geometry.frames import FloatArray, Frame, rigid_map
+from headstock.geometry.machines import Machine
+from headstock.geometry.skins import Skin, split_skin
+from headstock.geometry.solid_skins import inertia_skin, solid_skin
+from headstock.reduction.coupling import CoupledMachine
+from headstock.reduction.dof_layout import locate_interface, turn_dofs
+from headstock.reduction.superelement import Superelement
+
+# single precision is plenty for pictures and halves the file
+ShiftArray = NDArray[np.floating]
+NEARNESS_POWER = 4
+BENDING_SPLITS = 3
+# told apart in light and dark, and by most colour-blind readers
+COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9172b4", "#c2a83e", "#4aa3a2", "#b5566e", "#8892a0", "#a07d5c", "#6a78c7")
+
+
+@dataclass(frozen=True, eq=False)
+class JointView:
+    """A joint in a pose: its kind, its two ends and its frame in the machine."""
+
+    kind: str
+    first: str
+    second: str
+    frame: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class PointView:
+    """A named point in a pose.
+
+    Attributes:
+        tool: Name of the tool end.
+        work: Name of the work end.
+        tool_place: ``(3,)`` in the machine frame [m].
+        work_place: ``(3,)``, the same; None where it is ground.
+    """
+
+    tool: str
+    work: str
+    tool_place: FloatArray
+    work_place: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseView:
+    """The machine in a pose.
+
+    Attributes:
+        placements: Frame of each component in the machine frame.
+        joints: By name.
+        points: By name.
+        shifts: Component to ``(modes, points of its skin, 3)`` mode shapes in machine axes [m / sqrt(kg)]; empty without modes.
+        pushes: ``"POINT DIRECTION"`` to component to ``(points of its skin, 3)`` displacement under a unit force there, with the
+            opposite force on the work, machine axes [m/N].
+    """
+
+    placements: dict[str, Frame]
+    joints: dict[str, JointView]
+    points: dict[str, PointView]
+    shifts: dict[str, ShiftArray] = field(default_factory=dict)
+    pushes: dict[str, dict[str, ShiftArray]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class MachineView:
+    """Everything there is to draw: the skin of each component in its own frame, the direction of each axis, and the poses."""
+
+    skins: dict[str, Skin] = field(default_factory=dict)
+    axes: dict[str, FloatArray] = field(default_factory=dict)
+    poses: dict[str, PoseView] = field(default_factory=dict)
+
+
+def component_colors(view: MachineView) -> dict[str, str]:
+    """A colour ``#rrggbb`` for each component, the same in every picture."""
+    return {name: COLORS[index % len(COLORS)] for index, name in enumerate(view.skins)}
+
+
+def component_skin(component: Component, superelement: Superelement, skin: Skin | None) -> Skin:
+    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia."""
+    if skin is not None:
+        return skin
+    drawn = solid_skin(component.solid)
+    if drawn is None:
+        drawn = inertia_skin(superelement.mass_kg, superelement.center_of_mass, superelement.inertia)
+    if len(superelement.frames) > 1:
+        # a body that bends needs points between its corners
+        for _ in range(BENDING_SPLITS):
+            drawn = split_skin(drawn)
+    return drawn
+
+
+def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
+    """Where everything is in the pose a machine was coupled in."""
+    frames = {spring.name: spring.frame for spring in coupled.joint_springs}
+    joints = {
+        name: JointView(joint.kind, str(joint.ends[0]), str(joint.ends[1]), frames[name])
+        for name, joint in machine.joints.items()
+        if name in frames
+    }
+    points = {}
+    for name, point in machine.points.items():
+        tool, work = (None if end.component is None else locate_interface(coupled.layout, end) for end in (point.tool, point.work))
+        place = work if tool is None else tool
+        if place is not None:
+            points[name] = PointView(str(point.tool), str(point.work), place, work)
+    return PoseView(dict(coupled.placements), joints, points)
+
+
+def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatArray) -> dict[str, ShiftArray]:
+    """Displacement ``(modes, n, 3)`` of every skin point in machine axes, single precision.
+
+    Args:
+        coupled: The machine in the pose.
+        skins: By component.
+        stacked: ``(n_all, modes)`` motions of all superelement dofs.
+    """
+    found: dict[str, ShiftArray] = {}
+    for name, skin in skins.items():
+        superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
+        own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
+        moved = skin_recovery(superelement, skin) @ own
+        shifts = moved.T.reshape(stacked.shape[1], -1, 3) @ placement.rotation.T
+        found[name] = shifts.astype(np.float32)
+    return found
+
+
+def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
+    """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else carried by the near nodes.
+
+    Where nothing is recovered each point takes the rigid motions of the boundary nodes, weighted by their nearness (Shepard
+    1968): a rigid body moves rigidly, a segmented one bends.
+    """
+    size = len(superelement.labels)
+    if superelement.recovery is not None and skin.nodes is not None:
+        return np.asarray(superelement.recovery.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
+    result = np.zeros((3 * len(skin.points), size))
+    distances = np.array([np.linalg.norm(skin.points - frame.origin, axis=1) for frame in superelement.frames])
+    weights = 1.0 / np.maximum(distances, 1e-9) ** NEARNESS_POWER
+    for node, frame in enumerate(superelement.frames):
+        share = np.repeat(weights[node] / weights.sum(axis=0), 3)
+        result[:, 6 * node : 6 * node + 6] = share[:, None] * rigid_map(skin.points, frame.origin)
+    return result

@@ -1,0 +1,173 @@
+"""Frozen dataclasses of numbers and arrays to HDF5 groups and back, led by their type hints; no pickle, no object arrays.
+
+A field becomes a data set (array, list of words), an attribute (number, word) or a group (dataclass, tuple, dict) of the same
+name; ``None`` is left out. A reader therefore needs nothing but the dataclass to know the layout.
+"""
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote, unquote
+
+import h5py
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+
+# a small file can declare a data set of any size: what is not small must be there, or compressed by no more than this
+SMALL_ARRAY = 64 << 20
+LARGEST_EXPANSION = 100
+NO_WORDS = "S1"
+
+
+class RecordError(HeadstockError):
+    """A file does not hold the record it should; says which field and what was found."""
+
+
+def write_record(group: h5py.Group, record: Any) -> None:
+    """Write every field of a frozen dataclass into a group."""
+    for field in dataclasses.fields(record):
+        _write_value(group, field.name, getattr(record, field.name))
+
+
+def read_record[T](group: h5py.Group, kind: type[T]) -> T:
+    """Read a dataclass that ``write_record`` wrote.
+
+    Raises:
+        RecordError: A field without default is missing, or holds something else than its type hint says.
+    """
+    hints = typing.get_type_hints(kind)
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(typing.cast(Any, kind)):
+        has_default = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+        if field.name in group or field.name in group.attrs:
+            values[field.name] = _read_value(group, field.name, hints[field.name])
+        elif _accepts_none(hints[field.name]):
+            values[field.name] = None
+        elif not has_default:
+            raise RecordError(f"{group.name} has no {field.name!r}, which a {kind.__name__} needs")
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise RecordError(f"{group.name} is no valid {kind.__name__}: {error}") from error
+
+
+def _write_value(group: h5py.Group, name: str, value: Any) -> None:
+    if value is None:
+        return
+    if isinstance(value, bool | int | float | str):
+        group.attrs[name] = value
+    elif isinstance(value, np.ndarray):
+        group.create_dataset(name, data=value)
+    elif dataclasses.is_dataclass(value):
+        write_record(group.create_group(name, track_order=True), value)
+    elif isinstance(value, Mapping):
+        inner = group.create_group(name, track_order=True)
+        for key, item in value.items():
+            _write_value(inner, quote(key, safe=": "), item)
+    elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+        inner = group.create_group(name, track_order=True)
+        for index, item in enumerate(value):
+            _write_value(inner, str(index), item)
+    elif isinstance(value, tuple):
+        group.create_dataset(name, data=_word_array(value))
+    else:
+        raise TypeError(f"{name!r} of type {type(value).__name__} has no place in a record file")
+
+
+def _word_array(words: tuple[Any, ...]) -> Any:
+    array = np.array(words if words else np.zeros(0))
+    if not words:
+        return array.astype(NO_WORDS)
+    return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
+
+
+def _read_value(group: h5py.Group, name: str, hint: Any) -> Any:
+    where = f"{group.name}/{name}"
+    options = [option for option in _union_options(hint) if option is not types.NoneType]
+    for option in options:
+        origin = typing.get_origin(option) or option
+        if origin is np.ndarray:
+            return _read_array(group, name, where)
+        if origin is tuple:
+            return _read_tuple(group, name, option, where)
+        if origin is dict:
+            inner = _subgroup(group, name, where)
+            item = typing.get_args(option)[1]
+            keys = [*inner.keys(), *inner.attrs.keys()]
+            return {unquote(key): _read_value(inner, key, item) for key in keys}
+        if dataclasses.is_dataclass(origin):
+            return read_record(_subgroup(group, name, where), typing.cast(Any, origin))
+        return _read_scalar(group, name, option, where)
+    raise RecordError(f"{where} has a type hint that record files do not know: {hint}")
+
+
+def _union_options(hint: Any) -> tuple[Any, ...]:
+    return typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
+
+
+def _accepts_none(hint: Any) -> bool:
+    return types.NoneType in _union_options(hint)
+
+
+def _subgroup(group: h5py.Group, name: str, where: str) -> h5py.Group:
+    inner = group.get(name)
+    if not isinstance(inner, h5py.Group):
+        raise RecordError(f"{where} must be a group")
+    return inner
+
+
+def _dataset(group: h5py.Group, name: str, where: str) -> h5py.Dataset:
+    inner = group.get(name)
+    if not isinstance(inner, h5py.Dataset):
+        raise RecordError(f"{where} must be a data set")
+    if inner.size is None:
+        raise RecordError(f"{where} has no shape")
+    wanted, stored = inner.size * max(inner.dtype.itemsize, 8), inner.id.get_storage_size()
+    if wanted > max(SMALL_ARRAY, LARGEST_EXPANSION * stored):
+        raise RecordError(f"{where} claims {inner.size} values of {inner.dtype}, but the file holds {stored} bytes of them")
+    return inner
+
+
+def _read_array(group: h5py.Group, name: str, where: str) -> Any:
+    data = _dataset(group, name, where)
+    if data.dtype.kind == "f":
+        return np.ascontiguousarray(data[()], dtype=np.float64)
+    if data.dtype.kind in "iu":
+        return np.ascontiguousarray(data[()], dtype=np.int64)
+    raise RecordError(f"{where} must hold numbers, not {data.dtype}")
+
+
+def _read_tuple(group: h5py.Group, name: str, hint: Any, where: str) -> tuple[Any, ...]:
+    item = typing.get_args(hint)[0]
+    if dataclasses.is_dataclass(item):
+        inner = group.get(name)
+        if isinstance(inner, h5py.Dataset) and inner.size == 0:
+            return ()
+        inner = _subgroup(group, name, where)
+        return tuple(_read_value(inner, str(index), item) for index in range(len(inner)))
+    data = _dataset(group, name, where)
+    if data.dtype.kind == "S":
+        values = np.char.decode(data[()], "utf-8").tolist() if data.size else []
+    elif data.dtype.kind in "fiu":
+        values = data[()].tolist()
+    else:
+        raise RecordError(f"{where} must hold words or numbers, not {data.dtype}")
+    return tuple(tuple(value) if isinstance(value, list) else value for value in values)
+
+
+def _read_scalar(group: h5py.Group, name: str, hint: Any, where: str) -> Any:
+    if name not in group.attrs:
+        raise RecordError(f"{where} must be an attribute")
+    value = group.attrs[name]
+    if hint is bool and isinstance(value, np.bool_):
+        return bool(value)
+    if hint is int and isinstance(value, np.integer):
+        return int(value)
+    if hint is float and isinstance(value, np.floating | np.integer):
+        return float(value)
+    if isinstance(value, str) and (hint is str or value in typing.get_args(hint)):
+        return value
+    raise RecordError(f"{where} must be {getattr(hint, '__name__', hint)}, not {value!r}")

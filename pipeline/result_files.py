@@ -1,0 +1,185 @@
+"""The files a run leaves in its output folder: each is the old one or the whole new one."""
+
+import contextlib
+import hashlib
+import io
+import json
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.atomic_files import PendingFiles, lock_folder, write_atomically
+from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.record_files import RecordError, read_record, write_record
+from headstock.pipeline.results import Json, PoseModes, Results, check_finite, dump_json, summarise
+
+FORMAT = "headstock results"
+VERSION = 1
+RESULTS_FILE = "results.h5"
+SUMMARY_FILE = "summary.json"
+REPORT_FILE = "report.html"
+
+
+class OutputError(HeadstockError):
+    """An output folder or file cannot be written or read."""
+
+
+def prepare_output(folder: Path) -> None:
+    """Make an output folder and try that files can be written there, before anything is computed.
+
+    Raises:
+        OutputError: They cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written: {error.strerror or error}; name another folder with -o DIR") from error
+
+
+@contextlib.contextmanager
+def claim_output(folder: Path) -> Iterator[None]:
+    """Keep other runs out of an output folder while the body runs.
+
+    Raises:
+        OutputError: Another run is writing there, or nothing can be written there.
+    """
+    prepare_output(folder)
+    with lock_folder(folder) as mine:
+        if not mine:
+            raise OutputError(f"another run is writing into {folder}; wait until it ends, or name another folder with -o DIR")
+        yield
+
+
+def add_results(pending: PendingFiles, folder: Path, results: Results) -> str:
+    """Write ``results.h5``, to appear with the other pending files.
+
+    Returns:
+        SHA-256 of the file, by which a summary names the file it goes with.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+        OutputError: The disk is full or the folder is gone.
+    """
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        _fill(file, results)
+    with _naming(folder / RESULTS_FILE) as path:
+        pending.add(path, image.getvalue())
+    return hashlib.sha256(image.getbuffer()).hexdigest()
+
+
+def publish_summary(pending: PendingFiles, folder: Path, results: Results) -> None:
+    """Write ``summary.json`` and let it appear, last, with the other pending files.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+        OutputError: It cannot be written; all earlier files are then as they were.
+    """
+    with _naming(folder / SUMMARY_FILE) as path:
+        pending.add(path, dump_json(summarise(results)).encode())
+        pending.publish()
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Write one file atomically.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    with _naming(path):
+        write_atomically(path, content)
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[Path]:
+    try:
+        yield path
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}; what was there before is as it was") from error
+
+
+def _fill(file: h5py.File, results: Results) -> None:
+    file.attrs["format"] = FORMAT
+    file.attrs["version"] = VERSION
+    file.attrs["name"] = results.name
+    for library, version in results.versions.items():
+        file.require_group("versions").attrs[library] = version
+    cases = [(pose, name, point) for pose, points in results.static.items() for name, point in points.items()]
+    for pose, name, point in cases:
+        group = file.create_group(f"static/{pose}/{name}")
+        group["compliance"] = check_finite(f"static compliance at {name}", point.compliance)
+        if point.displacement is not None:
+            group["displacement"] = check_finite(f"static displacement at {name}", point.displacement)
+    for name, stiffness in results.joint_springs.items():
+        file[f"joints/{name}/stiffness"] = stiffness
+    for name, points in results.points.items():
+        file[f"components/{name}/points"] = points
+    if results.labels:
+        file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
+    write_record(file.create_group("view", track_order=True), results.view)
+    for modes in results.modal:
+        _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
+
+
+def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
+    group["frequencies_hz"] = check_finite("natural frequencies", modes.frequencies_hz)
+    group["shapes"] = modes.shapes
+    group.attrs["rigid_count"] = modes.rigid_count
+    group["names"] = np.char.encode(np.array(modes.mode_names, dtype=str), "utf-8")
+    pose = group.create_group("pose")
+    for axis, position in modes.pose.positions.items():
+        pose.attrs[axis] = position
+    for name, frame in modes.placements.items():
+        group[f"placements/{name}/origin"] = frame.origin
+        group[f"placements/{name}/rotation"] = frame.rotation
+    for name, displacement in modes.displacements.items():
+        # single precision is plenty for pictures and halves the file
+        group[f"displacements/{name}"] = displacement.astype(np.float32)
+
+
+def read_summary(folder: Path) -> Json:
+    """The summary in an output folder.
+
+    Raises:
+        OutputError: There is none, or it is not one.
+    """
+    path = folder / SUMMARY_FILE
+    try:
+        return dict(json.loads(path.read_text()))
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be read: {error.strerror or error}; `headstock run SCENE -o {folder}` writes it"
+        ) from error
+    except ValueError as error:
+        raise OutputError(f"{path} is not a summary: {error}") from error
+
+
+def read_view(folder: Path) -> MachineView:
+    """What there is to draw, from ``results.h5``.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    path = folder / RESULTS_FILE
+    remedy = f"`headstock run SCENE -o {folder}` writes it"
+    stated = read_summary(folder).get("files", {}).get(RESULTS_FILE, {}).get("sha256")
+    try:
+        if stated != _digest_of(path):
+            raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT or "view" not in file:
+                raise OutputError(f"{path} holds no pictures; {remedy}")
+            return read_record(file["view"], MachineView)
+    except (OSError, RecordError, KeyError, RuntimeError) as error:
+        raise OutputError(f"{path} cannot be read: {error}; {remedy}") from error
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

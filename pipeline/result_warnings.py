@@ -1,0 +1,51 @@
+"""What a reader of the results should be warned of."""
+
+import numpy as np
+
+from headstock.geometry.components import Component
+from headstock.geometry.solids import StepFile
+from headstock.meshing.cad_survey import doubt_size
+from headstock.pipeline.run_state import ReducedComponent, RunState
+
+# Craig-Bampton frequencies lose accuracy towards the cut-off of the fixed-interface modes
+CUTOFF_MARGIN = 1.5
+POOR_QUALITY = 0.05
+
+
+def find_warnings(state: RunState) -> list[str]:
+    """Warnings about the superelements and about frequencies beyond their reach."""
+    highest = max((float(modes.frequencies_hz.max(initial=0.0)) for modes in state.modal), default=0.0)
+    found: list[str] = []
+    for name, reduced in state.reduced.items():
+        found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
+        cutoff = reduced.superelement.cutoff_hz
+        if highest > cutoff / CUTOFF_MARGIN:
+            found.append(
+                f"component {name!r} keeps its fixed-interface modes complete up to {cutoff:.4g} Hz only, and frequencies up to"
+                f" {highest:.4g} Hz are reported: those above {cutoff / CUTOFF_MARGIN:.4g} Hz are too high;"
+                f' write reduction = {{ modes_to = "{3 * highest:.0f} Hz" }}'
+            )
+    return found
+
+
+def _size_warnings(component: Component, reduced: ReducedComponent) -> list[str]:
+    """What makes the unit of a STEP file doubtful."""
+    if not isinstance(component.solid, StepFile) or reduced.skin is None:
+        return []
+    doubt = doubt_size(component.solid.path, float(np.ptp(reduced.skin.points, axis=0).max()))
+    return [] if doubt is None else [f"component {component.name!r}: {doubt}"]
+
+
+def _component_warnings(name: str, reduced: ReducedComponent) -> list[str]:
+    found = [f"component {name!r}: {message}" for message in reduced.superelement.warnings]
+    if reduced.superelement.free_dofs:
+        found.append(f"component {name!r}: nothing holds the interface dofs {', '.join(reduced.superelement.free_dofs)}")
+    quality = reduced.quality
+    if quality is not None and quality.repaired:
+        found.append(f"component {name!r}: {quality.repaired} curved elements were inverted as meshed and were repaired")
+    if quality is not None and quality.minimum_scaled_jacobian < POOR_QUALITY:
+        found.append(
+            f"component {name!r}: its worst element has a scaled Jacobian of {quality.minimum_scaled_jacobian:.2g} (1 is ideal);"
+            " a smaller mesh size may help"
+        )
+    return found

@@ -1,0 +1,286 @@
+"""What a run found: the types, and how they read as ``summary.json``."""
+
+import json
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machines import Pose
+from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.stages import StageRecord
+from headstock.solvers.errors import AccuracyError
+
+Json = dict[str, Any]
+UM_PER_KN = 1e9  # m/N
+DIRECTIONS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentFacts:
+    """What became of a component.
+
+    Attributes:
+        fidelity: ``rigid``, ``elastic`` or ``superelement``.
+        full_dofs: Dofs before reduction.
+        reduced_dofs: Dofs of its superelement.
+        mass_kg: Mass [kg].
+        cutoff_hz: Its fixed-interface modes are complete up to here; inf for rigid bodies.
+        residual: Largest relative residual of its solves.
+        quality: Of its mesh; None without one.
+    """
+
+    fidelity: str
+    full_dofs: int
+    reduced_dofs: int
+    mass_kg: float
+    cutoff_hz: float
+    residual: float
+    quality: MeshQuality | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PointCompliance:
+    """Static compliance at a named point, tool relative to work, machine axes.
+
+    Attributes:
+        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz.
+        budget: Direction x, y, z to share of the compliance per component or joint; shares sum to 1.
+        sentence: What it says about the weak link.
+        displacement: ``(6,)`` motion under the scene's static loads [m, rad]; None without loads.
+    """
+
+    compliance: FloatArray
+    budget: dict[str, dict[str, float]]
+    sentence: str = ""
+    displacement: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeResponse:
+    """Response of a component to all static loads together at a probe, in machine axes.
+
+    Attributes:
+        component: Its name.
+        displacement: ``(3,)`` [m].
+        stress: ``(3, 3)`` [Pa].
+        jump: Largest difference between the stresses of the cells that meet there over their largest entry.
+    """
+
+    component: str
+    displacement: FloatArray
+    stress: FloatArray
+    jump: float
+
+
+@dataclass(frozen=True, eq=False)
+class PoseModes:
+    """Natural modes of vibration in one pose.
+
+    Attributes:
+        pose: Axis positions.
+        frequencies_hz: ``(m,)``, rigid-body modes first.
+        rigid_count: How many of them are rigid-body modes.
+        error_hz: Estimated error of each; None where no estimate was made.
+        damping_ratio: Of each; None without damping.
+        damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None without damping.
+        mode_names: In plain words.
+        energy_share: Per mode, share of the strain energy per component or joint.
+        kinetic_share: Per mode, share of the kinetic energy per component.
+        shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
+        displacements: Component to ``(m, n_points, 3)`` displacement of its mesh points in its own axes.
+        placements: Frame of each component in the machine in this pose.
+    """
+
+    pose: Pose
+    frequencies_hz: FloatArray
+    rigid_count: int
+    error_hz: tuple[float | None, ...]
+    damping_ratio: tuple[float | None, ...]
+    mode_names: tuple[str, ...]
+    energy_share: tuple[dict[str, float], ...]
+    kinetic_share: tuple[dict[str, float], ...]
+    shapes: FloatArray
+    displacements: dict[str, FloatArray] = field(default_factory=dict)
+    damped_hz: tuple[float | None, ...] = ()
+    placements: dict[str, Frame] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Everything a run found.
+
+    Attributes:
+        name: Scene name.
+        versions: Of the libraries behind it.
+        stages: What ran, in order.
+        components: By name.
+        static: Pose name to point name to compliance.
+        modal: One per pose.
+        probes: Pose name to probe name to response.
+        joint_springs: Joint name to ``(6, 6)`` stiffness in its joint frame [N/m, N m/rad].
+        points: Component to ``(n_points, 3)`` mesh points behind the displacements, component frame [m].
+        labels: A name for each row of the mode shapes.
+        warnings: In plain words.
+        failures: Analyses that were refused, with the reason; the others were still computed.
+        view: What pictures of the machine are drawn from.
+        files: SHA-256 by file name of what was written beside the summary.
+    """
+
+    name: str
+    versions: dict[str, str]
+    stages: tuple[StageRecord, ...]
+    components: dict[str, ComponentFacts]
+    static: dict[str, dict[str, PointCompliance]]
+    modal: tuple[PoseModes, ...]
+    joint_springs: dict[str, FloatArray]
+    points: dict[str, FloatArray] = field(default_factory=dict)
+    labels: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
+    probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
+    view: MachineView = field(default_factory=MachineView)
+    files: dict[str, str] = field(default_factory=dict)
+
+
+def summarise(results: Results) -> Json:
+    """The content of ``summary.json``; ``static`` holds the first pose, and ``static_poses`` all of them when there are several.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+    """
+    by_pose = {
+        pose: {name: _summarise_point(name, point) for name, point in points.items()} for pose, points in results.static.items()
+    }
+    summary: Json = {
+        "name": results.name,
+        "status": "failed" if results.failures else "done",
+        "versions": results.versions,
+        "stages": [_summarise_stage(record) for record in results.stages],
+        "totals": _sum_up(results),
+        "components": {name: _summarise_component(facts) for name, facts in results.components.items()},
+        "static": next(iter(by_pose.values()), {}),
+        "modal": [_summarise_modes(modes) for modes in results.modal],
+        "warnings": list(results.warnings),
+        "failures": list(results.failures),
+        "files": {name: {"sha256": digest} for name, digest in results.files.items()},
+    }
+    if results.probes:
+        summary["probes"] = {
+            pose: {name: _summarise_probe(name, probe) for name, probe in probes.items()} for pose, probes in results.probes.items()
+        }
+    if len(by_pose) > 1:
+        summary["static_poses"] = by_pose
+    return summary
+
+
+def dump_json(content: Any) -> str:
+    """Strict JSON text: a number that is not finite is an error, not ``NaN``."""
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def check_finite(what: str, values: Any) -> Any:
+    """The values as plain lists.
+
+    Raises:
+        AccuracyError: One of them is not a finite number.
+    """
+    array = np.asarray(values, dtype=float)
+    if not np.isfinite(array).all():
+        raise AccuracyError(f"{what} holds values that are not finite: {array[~np.isfinite(array)][:3].tolist()}")
+    return array.tolist()
+
+
+def _sum_up(results: Results) -> Json:
+    facts = results.components.values()
+    return {
+        "mass_kg": sum(fact.mass_kg for fact in facts),
+        "full_dofs": sum(fact.full_dofs for fact in facts),
+        "reduced_dofs": sum(fact.reduced_dofs for fact in facts),
+        "seconds": round(sum(record.seconds for record in results.stages), 4),
+        "peak_rss_mb": round(max((record.peak_rss_mb for record in results.stages), default=0.0), 1),
+    }
+
+
+def _summarise_stage(record: StageRecord) -> Json:
+    return {
+        "stage": record.stage.kind,
+        "component": record.stage.component,
+        "pose": record.stage.pose,
+        "reason": record.stage.reason,
+        "seconds": round(record.seconds, 4),
+        "cached": record.cached,
+        "peak_rss_mb": round(record.peak_rss_mb, 1),
+    }
+
+
+def _summarise_component(facts: ComponentFacts) -> Json:
+    summary: Json = {
+        "fidelity": facts.fidelity,
+        "full_dofs": facts.full_dofs,
+        "reduced_dofs": facts.reduced_dofs,
+        "mass_kg": facts.mass_kg,
+        "cutoff_hz": _number_or_null(facts.cutoff_hz),
+        "residual": facts.residual,
+    }
+    if facts.quality is not None:
+        summary["mesh_quality"] = {
+            "minimum_scaled_jacobian": facts.quality.minimum_scaled_jacobian,
+            "repaired": facts.quality.repaired,
+            "volume": facts.quality.volume,
+            "cad_volume": _number_or_null(facts.quality.cad_volume),
+        }
+    return summary
+
+
+def _summarise_point(name: str, point: PointCompliance) -> Json:
+    what = f"static compliance at {name}"
+    summary: Json = {
+        "compliance_um_per_kN": check_finite(what, point.compliance[:3, :3] * UM_PER_KN),
+        "compliance_6x6": check_finite(what, point.compliance),
+        "budget": {
+            direction: dict(zip(shares, check_finite(f"budget at {name}", list(shares.values())), strict=True))
+            for direction, shares in point.budget.items()
+        },
+        "sentence": point.sentence,
+    }
+    if point.displacement is not None:
+        summary["displacement"] = check_finite(f"displacement of {name} under the static loads", point.displacement)
+    return summary
+
+
+def _summarise_probe(name: str, probe: ProbeResponse) -> Json:
+    what = f"response at probe {name}"
+    deviator = probe.stress - np.trace(probe.stress) / 3.0 * np.eye(3)
+    stress = check_finite(what, probe.stress * 1e-6)
+    return {
+        "component": probe.component,
+        "displacement_um": check_finite(what, probe.displacement * 1e6),
+        "stress_mpa": {"xyz"[i] + "xyz"[j]: stress[i][j] for i in range(3) for j in range(i, 3)},
+        "von_mises_mpa": float(np.sqrt(1.5 * (deviator**2).sum()) * 1e-6),
+        "stress_jump": probe.jump,
+    }
+
+
+def _summarise_modes(modes: PoseModes) -> Json:
+    what = f"modal analysis in pose {modes.pose.name}"
+    return {
+        "pose_name": modes.pose.name,
+        "pose": modes.pose.positions,
+        "frequencies_hz": check_finite(what, modes.frequencies_hz),
+        "rigid_count": modes.rigid_count,
+        "error_hz": list(modes.error_hz),
+        "damping_ratio": list(modes.damping_ratio),
+        "damped_hz": list(modes.damped_hz),
+        "mode_names": list(modes.mode_names),
+        "energy_share": [dict(share) for share in modes.energy_share],
+        "kinetic_share": [dict(share) for share in modes.kinetic_share],
+    }
+
+
+def _number_or_null(value: float) -> float | None:
+    # infinite cut-offs and missing CAD volumes are legal and have no JSON number
+    return float(value) if math.isfinite(value) else None

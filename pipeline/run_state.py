@@ -1,0 +1,75 @@
+"""What a run has made so far; handed from stage to stage."""
+
+from dataclasses import dataclass, field
+
+from mpi4py import MPI
+
+from headstock.geometry.components import Component, Load, Support
+from headstock.geometry.skins import Skin
+from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
+from headstock.pipeline.machine_views import PoseView
+from headstock.pipeline.results import PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.scene import Scene
+from headstock.pipeline.stages import Plan
+from headstock.pipeline.store import Store
+from headstock.reduction.coupling import CoupledMachine
+from headstock.reduction.superelement import Superelement
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedComponent:
+    """What the store keeps of a reduced component: its superelement, the quality of the mesh it came from and that mesh's skin."""
+
+    superelement: Superelement
+    quality: MeshQuality | None = None
+    skin: Skin | None = None
+
+
+@dataclass(eq=False)
+class RunState:
+    """Everything stages read and add to; complete on rank 0, the others hold only meshes."""
+
+    scene: Scene
+    plan: Plan
+    comm: MPI.Comm
+    store: Store
+    meshes: dict[str, ComponentMesh] = field(default_factory=dict)
+    reduced: dict[str, ReducedComponent] = field(default_factory=dict)
+    coupled: CoupledMachine | None = None
+    static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)
+    probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
+    probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
+    modal: list[PoseModes] = field(default_factory=list)
+    skins: dict[str, Skin] = field(default_factory=dict)
+    views: dict[str, PoseView] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def is_root(self) -> bool:
+        """This is rank 0, which reads, writes and couples."""
+        return int(self.comm.rank) == 0
+
+    def warn(self, message: str | None) -> None:
+        """Keep a warning, each text once."""
+        if message and message not in self.warnings:
+            self.warnings.append(message)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a stage went: whether its result came from the store, and what came out, in a few words."""
+
+    cached: bool = False
+    detail: str = ""
+
+
+def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:
+    """Supports on a component."""
+    return tuple(support for support in state.scene.machine.supports.values() if support.component == component.name)
+
+
+def component_loads(state: RunState, component: Component) -> tuple[Load, ...]:
+    """Loads on a component."""
+    return tuple(load for load in state.scene.machine.loads.values() if load.component == component.name)

@@ -1,0 +1,72 @@
+"""The scene: a machine, where it stands, and what is to be computed of it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from headstock.geometry.machines import Machine, Pose
+
+
+@dataclass(frozen=True)
+class StaticRequest:
+    """Compliance at named points, in named poses (all of them when empty)."""
+
+    at: tuple[str, ...]
+    poses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModalRequest:
+    """Natural frequencies: a count or everything up to a frequency [Hz], in named poses."""
+
+    count: int | None = None
+    up_to_hz: float | None = None
+    poses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Analyses:
+    """What is to be computed; None where an analysis is not asked for."""
+
+    static: StaticRequest | None = None
+    modal: ModalRequest | None = None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a run may cost: elements of one mesh, memory [byte], time of one mesh [s]; None for the defaults."""
+
+    elements: int | None = None
+    memory_bytes: float | None = None
+    time_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene that has passed every check.
+
+    Attributes:
+        name: Name in the scene, or the file's.
+        path: Scene file.
+        machine: The machine in SI units.
+        poses: By name, at least one: ``reference`` with every axis at zero when the scene names none.
+        analyses: What is to be computed.
+        effects: Names of the effects that are switched on.
+        variants: Names of the variants the scene offers.
+        raw: Parsed TOML after overrides.
+        limits: What a run may cost.
+        warnings: What is allowed but looks wrong, each with its place.
+        variant: Variant that was applied.
+    """
+
+    name: str
+    path: Path
+    machine: Machine
+    poses: dict[str, Pose]
+    analyses: Analyses
+    effects: frozenset[str]
+    variants: tuple[str, ...]
+    raw: dict[str, Any]
+    limits: Limits = field(default_factory=Limits)
+    warnings: tuple[str, ...] = ()
+    variant: str | None = None

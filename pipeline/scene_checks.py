@@ -1,0 +1,250 @@
+"""Checks of a scene's physics: solids and patches, joints, floating components, axes, and numbers that look wrong."""
+
+import math
+from pathlib import Path
+
+from headstock.geometry.joints import GROUND
+from headstock.geometry.prismatic_solids import prismatic_bar
+from headstock.geometry.solids import Solid, SuperelementFile
+from headstock.pipeline.component_builder import bounding_box, build_solid
+from headstock.pipeline.effects import find_effect_fault
+from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_faults
+from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
+from headstock.pipeline.patch_checks import find_patch_fault
+from headstock.pipeline.scene_errors import Findings
+from headstock.pipeline.scene_names import is_known_end, sound_joints
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_components import ComponentTable, PatchTable
+from headstock.pipeline.schema_connections import AxisTable, LoadTable, SupportTable
+from headstock.pipeline.toml_positions import KeyPath
+from headstock.pipeline.units import ANGLE, LENGTH, Quantity
+
+SOUND_SPEEDS = (500.0, 15000.0)
+DENSITIES = (100.0, 25000.0)
+SIZES = (1e-5, 100.0)
+
+
+def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
+    """Report everything the schema cannot see.
+
+    Args:
+        scene: What passed the schema.
+        folder: Folder of the scene, for the files it refers to.
+        findings: Where problems and warnings go.
+        complete: Every entry passed the schema, so that a missing connection means what it says.
+    """
+    solids = _check_solids(scene, folder, findings)
+    _check_areas(scene, solids, findings)
+    _check_probes(scene, findings)
+    _check_joints(scene, findings)
+    if complete:
+        _check_floating(scene, findings)
+    _check_axes(scene, findings, complete=complete)
+    _check_poses(scene, findings)
+    _check_effects(scene, findings)
+    if complete:
+        _check_requests(scene, findings)
+    _check_plausibility(scene, solids, findings)
+
+
+def _check_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, Solid]:
+    solids: dict[str, Solid] = {}
+    for name, table in scene.components.items():
+        key: KeyPath = ("components", name)
+        try:
+            solids[name] = build_solid(table.solid, folder)
+        except ValueError as error:
+            findings.add((*key, "solid", table.solid.kind), str(error))
+            continue
+        _check_fidelity(key, table, solids[name], findings)
+        if isinstance(solids[name], SuperelementFile):
+            continue
+        for interface, entry in table.interfaces.items():
+            for index, patch in enumerate(entry.patch_tables()):
+                place = ("patches", index) if entry.patches is not None else ()
+                if fault := find_patch_fault(patch, solids[name]):
+                    findings.add((*key, "interfaces", interface, *place), fault)
+    return solids
+
+
+def _check_fidelity(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
+    if table.fidelity == "segmented" and table.solid.superelement is None:
+        try:
+            prismatic_bar(solid, table.segments.along)
+        except ValueError as error:
+            findings.add((*key, "fidelity"), f'cannot be segmented: {error}; write "elastic" or "rigid"')
+    if table.mesh.cells == "hex" and table.solid.box is None and table.fidelity == "elastic":
+        findings.add((*key, "mesh", "cells"), f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"')
+    if table.solid.superelement is not None:
+        if table.fidelity != "elastic":
+            findings.add((*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity")
+        if table.mass is not None:
+            findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
+
+
+def _check_probes(scene: SceneTable, findings: Findings) -> None:
+    for name, probe in scene.probes.items():
+        table = scene.components.get(probe.component)
+        if table is not None and (table.fidelity != "elastic" or table.solid.superelement is not None):
+            findings.add(("probes", name), f"{probe.component} is not meshed, so there is no stress in it; make it elastic")
+    if scene.probes and scene.analyses.static is None:
+        findings.add(("probes",), "probes show the response to static loads; add [analyses.static]")
+    if scene.probes and not scene.loads and not scene.effects.get("gravity"):
+        findings.add(("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity")
+
+
+def _check_areas(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+    entries: list[tuple[KeyPath, SupportTable | LoadTable]] = [(("supports", n), s) for n, s in scene.supports.items()]
+    entries += [(("loads", n), s) for n, s in scene.loads.items()]
+    for key, entry in entries:
+        if isinstance(entry, SupportTable):
+            owner = (entry.face or entry.at or "").partition(".")[0]
+            table = scene.components.get(owner)
+            if table is not None and (table.fidelity != "elastic" or table.solid.superelement is not None):
+                findings.add(key, f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground")
+        if entry.face is None:
+            continue
+        component, _, face = entry.face.partition(".")
+        if component in solids:
+            patch = PatchTable(face=face, disk=entry.disk, rect=entry.rect, strip=entry.strip)
+            if fault := find_patch_fault(patch, solids[component]):
+                findings.add((*key, "face"), fault)
+
+
+def _check_joints(scene: SceneTable, findings: Findings) -> None:
+    for name, table in scene.joints.items():
+        for fault in find_joint_faults(table):
+            findings.add(("joints", name, *fault.key), fault.message)
+
+
+def _edges(scene: SceneTable) -> dict[str, Edge]:
+    """The two sides of every joint that transmits a force and of every support, by name."""
+    edges: dict[str, Edge] = {}
+    for name, table in sound_joints(scene).items():
+        # a joint with a fault counts as a connection: its own message is enough
+        if find_joint_faults(table) or connects(build_joint(name, table)):
+            first, second = (end.component or GROUND for end in table.between)
+            edges[name] = (first, second)
+    for name, support in scene.supports.items():
+        edges[f"supports.{name}"] = ((support.face or support.at or "").partition(".")[0], GROUND)
+    return edges
+
+
+def _check_floating(scene: SceneTable, findings: Findings) -> None:
+    known = all(is_known_end(end, scene) for table in scene.joints.values() for end in table.between)
+    if scene.free or not known:
+        return
+    for group in floating_groups(scene.components, _edges(scene).values()):
+        if any(scene.components[name].free for name in group):
+            continue
+        verb = "floats" if len(group) == 1 else "float together"
+        findings.add(
+            ("components", group[0]),
+            f"{', '.join(group)} {verb}: 6 rigid motions are free, since no joint or support leads to ground; join "
+            f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a component that stands on it, or write free = true',
+        )
+
+
+def _check_axes(scene: SceneTable, findings: Findings, *, complete: bool) -> None:
+    edges = _edges(scene)
+    for name, axis in scene.axes.items():
+        key: KeyPath = ("axes", name)
+        wanted = LENGTH if axis.kind == "linear" else ANGLE
+        for index, limit in enumerate(axis.limits or ()):
+            _check_axis_value((*key, "limits", index), limit, axis, findings)
+        limits = axis.limits or ()
+        if limits and all(limit.dimension == wanted for limit in limits) and limits[0].value >= limits[1].value:
+            findings.add((*key, "limits"), "the lower limit must be below the upper one")
+        known = all(joint in scene.joints for joint in axis.joint_names())
+        if axis.direction is None and known and not _guiding_joints(scene, axis):
+            findings.add((*key, "direction"), "'direction' is missing and no joint of the axis gives one; write direction = \"x\"")
+        if complete and all(joint in edges for joint in axis.joint_names()):
+            _check_moves(key, axis, scene, edges, findings)
+
+
+def _guiding_joints(scene: SceneTable, axis: AxisTable) -> list[str]:
+    tables = [scene.joints[name] for name in axis.joint_names() if name in scene.joints]
+    kinds = ("linear_guide", "ball_screw", "prismatic") if axis.kind == "linear" else ("revolute", "bearing")
+    return [table.kind for table in tables if table.kind in kinds and table.axis is not None]
+
+
+def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings) -> None:
+    joints = ", ".join(axis.joint_names())
+    moves = set(axis.moves or moved_components(scene.components, edges, axis.joint_names()))
+    if not moves:
+        findings.add(
+            key,
+            f"moves nothing: without {joints} every component is still connected to ground; list every joint the axis slides in, "
+            'or name what it carries: moves = ["slider"]',
+        )
+        return
+    for joint in axis.joint_names():
+        sides = [side in moves for side in edges[joint]]
+        if sum(sides) != 1:
+            both = "both sides" if all(sides) else "no side"
+            findings.add(
+                key, f"joint {joint} has {both} among what the axis moves ({', '.join(sorted(moves))}); correct joints or moves"
+            )
+
+
+def _check_axis_value(key: KeyPath, value: Quantity, axis: AxisTable, findings: Findings) -> None:
+    wanted = LENGTH if axis.kind == "linear" else ANGLE
+    if value.dimension != wanted:
+        article = "an" if value.dimension == ANGLE else "a"
+        findings.add(key, f'is {article} {value.dimension.name}, but the axis is {axis.kind}; write for example "{wanted.example}"')
+
+
+def _check_poses(scene: SceneTable, findings: Findings) -> None:
+    values: list[tuple[KeyPath, str, Quantity]] = []
+    for pose, positions in scene.poses.items():
+        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
+    for sweep, table in scene.sweeps.items():
+        for axis, span in table.axes.items():
+            values += [(("sweeps", sweep, "axes", axis, i), axis, value) for i, value in enumerate((span.low, span.high))]
+    for key, name, value in values:
+        if name not in scene.axes:
+            continue
+        axis_table = scene.axes[name]
+        _check_axis_value(key, value, axis_table, findings)
+        if axis_table.limits is not None and value.dimension == axis_table.limits[0].dimension:
+            low, high = (limit.value for limit in axis_table.limits)
+            if not low <= value.value <= high:
+                unit = value.dimension.unit
+                findings.add(key, f"{value.value:g} {unit} is outside the limits of axis {name}: {low:g} to {high:g} {unit}")
+
+
+def _check_effects(scene: SceneTable, findings: Findings) -> None:
+    for name, value in scene.effects.items():
+        if fault := find_effect_fault(name, value):
+            findings.add(("effects", name), fault)
+
+
+def _check_requests(scene: SceneTable, findings: Findings) -> None:
+    static = scene.analyses.static
+    if static is not None and static.at is None and not scene.points and not scene.loads:
+        example = 'tcp = { tool = "component.interface", work = "ground" }'
+        findings.add(("analyses", "static"), f"there is no point to compute a compliance at; write [points] {example}")
+    if not scene.components:
+        findings.add(("components",), "there are no components; write [components.NAME] with a solid and a material")
+
+
+def _check_plausibility(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+    for name, material in scene.materials.items():
+        speed = math.sqrt(material.E / material.rho)
+        key: KeyPath = ("materials", name)
+        low, high = SOUND_SPEEDS
+        if not low <= speed <= high:
+            hint = "check E and rho"
+            if material.E < 1e7 or material.rho < 1e-3:
+                hint = "these look like mm-t-s numbers: write MPa and t/mm^3"
+            findings.warn((*key, "E"), f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}")
+        if not DENSITIES[0] <= material.rho <= DENSITIES[1]:
+            findings.warn((*key, "rho"), f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3")
+    for name, solid in solids.items():
+        box = bounding_box(solid)
+        sizes = [high - low for low, high in box] if box else []
+        if sizes and not (SIZES[0] <= min(sizes) and max(sizes) <= SIZES[1]):
+            text = " x ".join(f"{size:.3g}" for size in sizes)
+            findings.warn(("components", name, "solid"), f"measures {text} m; a machine part is {SIZES[0]:g} to {SIZES[1]:g} m")
+        if scene.components[name].mesh.order == 1 and scene.components[name].fidelity == "elastic":
+            findings.warn(("components", name, "mesh"), "linear elements lock: they come out too stiff; order = 2 is the default")

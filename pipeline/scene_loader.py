@@ -1,0 +1,74 @@
+"""Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from headstock.pipeline.machine_builder import build_machine, build_poses
+from headstock.pipeline.scene import Analyses, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene_checks import check_physics
+from headstock.pipeline.scene_errors import Findings
+from headstock.pipeline.scene_files import read_scene
+from headstock.pipeline.scene_names import check_references
+from headstock.pipeline.scene_overrides import apply_settings, apply_variant
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.scene_validation import validate_tables
+
+DEFAULT_MODES = 6
+
+
+def load_scene(path: Path, *, variant: str | None = None, overrides: Sequence[str] = ()) -> Scene:
+    """Load a scene file.
+
+    Args:
+        path: A ``.toml`` file; files it refers to lie in its folder.
+        variant: Name of one of the scene's variants, applied first.
+        overrides: ``key=value`` settings with dotted keys, applied after the variant in the order given.
+
+    Returns:
+        The scene with its machine in SI units.
+
+    Raises:
+        SceneError: Anything is wrong; holds every problem with file, line, key, source line and what to write.
+    """
+    findings = Findings(str(path))
+    raw = apply_variant(read_scene(path, findings), variant, findings)
+    apply_settings(raw, overrides, findings)
+    table = validate_tables(raw, findings)
+    if table is not None:
+        complete = not findings.problems
+        check_references(table, raw, findings)
+        check_physics(table, path.parent, findings, complete=complete)
+    findings.raise_if_any()
+    if table is None:
+        raise AssertionError("the schema refused a scene without saying why")
+    return _build_scene(table, raw, path, findings.warnings, variant)
+
+
+def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: list[str], variant: str | None) -> Scene:
+    name = table.name or path.stem
+    poses = build_poses(table)
+    return Scene(
+        name=name,
+        path=path,
+        machine=build_machine(table, name, path.parent),
+        poses=poses,
+        analyses=_build_analyses(table, tuple(poses)),
+        effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
+        variants=tuple(table.variants),
+        raw=raw,
+        limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
+        warnings=tuple(warnings),
+        variant=variant,
+    )
+
+
+def _build_analyses(table: SceneTable, poses: tuple[str, ...]) -> Analyses:
+    static, modal = table.analyses.static, table.analyses.modal
+    static_request = modal_request = None
+    if static is not None:
+        static_request = StaticRequest(tuple(static.at or table.points), tuple(static.poses or poses))
+    if modal is not None:
+        count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
+        modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
+    return Analyses(static_request, modal_request)

@@ -1,0 +1,170 @@
+"""Names that exist in a scene, and checks that every reference means one of them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from headstock.geometry.joints import GROUND, JointEnd
+from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_overrides import path_exists
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_connections import JointTable
+from headstock.pipeline.toml_positions import KeyPath
+
+
+@dataclass(frozen=True)
+class SceneNames:
+    """Names by section as written, so that a broken entry does not make everything that refers to it look wrong too.
+
+    Attributes:
+        sections: Section name to entry names.
+        interfaces: Component name to interface names; None where only a file knows them.
+    """
+
+    sections: Mapping[str, frozenset[str]]
+    interfaces: Mapping[str, frozenset[str] | None]
+
+
+def collect_names(raw: Mapping[str, Any]) -> SceneNames:
+    """Names of a parsed scene, valid or not."""
+    sections = {key: frozenset(value) for key, value in raw.items() if isinstance(value, dict)}
+    interfaces: dict[str, frozenset[str] | None] = {}
+    components = raw.get("components")
+    for name, entry in components.items() if isinstance(components, dict) else ():
+        table = entry if isinstance(entry, dict) else {}
+        solid, written = table.get("solid"), table.get("interfaces", {})
+        from_file = isinstance(solid, dict) and "superelement" in solid
+        interfaces[name] = None if from_file or not isinstance(written, dict) else frozenset(written)
+    return SceneNames(sections, interfaces)
+
+
+def check_references(scene: SceneTable, raw: Mapping[str, Any], findings: Findings) -> None:
+    """Report every name in the scene that means nothing."""
+    names = collect_names(raw)
+    _check_components(scene, names, findings)
+    _check_joints(scene, names, findings)
+    _check_axes(scene, names, findings)
+    _check_areas(scene, names, findings)
+    _check_requests(scene, names, raw, findings)
+
+
+def _check_name(key: KeyPath, name: str, section: str, names: SceneNames, findings: Findings, what: str = "") -> bool:
+    known = names.sections.get(section, frozenset())
+    if name in known:
+        return True
+    what = what or section.removesuffix("s")
+    findings.add(key, f"unknown {what} {name[:80]!r}; {suggest_names(name, known, what=section)}")
+    return False
+
+
+def _check_end(key: KeyPath, end: JointEnd, names: SceneNames, findings: Findings) -> None:
+    if end.component is None:
+        return
+    if end.component not in names.interfaces:
+        known = [*names.interfaces, GROUND]
+        text = f"unknown component {end.component[:80]!r}; {suggest_names(end.component, known, what='components')}"
+        findings.add(key, text)
+        return
+    known_interfaces = names.interfaces[end.component]
+    if known_interfaces is not None and end.interface not in known_interfaces:
+        what = f"interfaces of {end.component}"
+        hint = suggest_names(end.interface, known_interfaces, what=what) if known_interfaces else f"{end.component} has none"
+        example = f'; describe it: [components.{end.component}.interfaces] {end.interface} = {{ face = "z+" }}'
+        findings.add(key, f"component {end.component!r} has no interface {str(end.interface)[:80]!r}; {hint}{example}")
+
+
+def _check_components(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    for name, component in scene.components.items():
+        key: KeyPath = ("components", name)
+        if component.material is not None:
+            _check_name((*key, "material"), component.material, "materials", names, findings)
+        elif component.solid.superelement is None:
+            known = suggest_names("", names.sections.get("materials", ()), what="materials")
+            findings.add((*key, "material"), f"'material' is missing; {known}")
+        if name == GROUND:
+            findings.add(key, 'a component cannot be called "ground": that is what it stands on; choose another name')
+
+
+def _check_joints(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    for name, joint in scene.joints.items():
+        key: KeyPath = ("joints", name, "between")
+        for index, end in enumerate(joint.between):
+            _check_end((*key, index), end, names, findings)
+        first, second = joint.between
+        if first.component == second.component:
+            what = f"component {first.component!r}" if first.component else "ground"
+            findings.add(key, f"joint {name!r} has both ends on {what}: a self joint does nothing; name two different components")
+        if name in names.sections.get("components", ()):
+            findings.add(("joints", name), f"a component is called {name!r} too; results name both, so choose another name")
+
+
+def _check_axes(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    for name, axis in scene.axes.items():
+        key: KeyPath = ("axes", name)
+        for index, joint in enumerate(axis.joint_names()):
+            _check_name((*key, "joints", index) if axis.joints else (*key, "joint"), joint, "joints", names, findings)
+        for index, component in enumerate(axis.moves or ()):
+            _check_name((*key, "moves", index), component, "components", names, findings)
+
+
+def _check_areas(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    for section, entries in (("supports", scene.supports), ("loads", scene.loads)):
+        for name, entry in entries.items():
+            if entry.at is not None:
+                component, _, interface = entry.at.partition(".")
+                _check_end((section, name, "at"), JointEnd(component, interface), names, findings)
+            elif entry.face is not None:
+                _check_name((section, name, "face"), entry.face.partition(".")[0], "components", names, findings)
+    for name, load in scene.loads.items():
+        if load.component is not None:
+            _check_name(("loads", name, "component"), load.component, "components", names, findings)
+    for name, probe in scene.probes.items():
+        _check_name(("probes", name, "component"), probe.component, "components", names, findings)
+    for name, point in scene.points.items():
+        _check_end(("points", name, "tool"), point.tool, names, findings)
+        _check_end(("points", name, "work"), point.work, names, findings)
+        if point.tool == point.work:
+            findings.add(("points", name), "tool and work are the same, so nothing moves between them; name two places")
+
+
+def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any], findings: Findings) -> None:
+    for name, pose in scene.poses.items():
+        for axis in pose:
+            _check_name(("poses", name, axis), axis, "axes", names, findings, "axis")
+    for name, sweep in scene.sweeps.items():
+        for axis in sweep.axes:
+            _check_name(("sweeps", name, "axes", axis), axis, "axes", names, findings, "axis")
+    for axis in scene.drives:
+        _check_name(("drives", axis), axis, "axes", names, findings, "axis")
+    for name, study in scene.studies.items():
+        for path in study.vary:
+            if reason := path_exists(raw, path):
+                findings.add(("studies", name, "vary", path), reason)
+    static, modal = scene.analyses.static, scene.analyses.modal
+    for index, point in enumerate(static.at or () if static else ()):
+        _check_name(("analyses", "static", "at", index), point, "points", names, findings)
+    _check_poses("static", static.poses if static else None, names, findings)
+    _check_poses("modal", modal.poses if modal else None, names, findings)
+
+
+def _check_poses(analysis: str, poses: Iterable[str] | None, names: SceneNames, findings: Findings) -> None:
+    for index, pose in enumerate(poses or ()):
+        if pose != "reference" or names.sections.get("poses"):
+            _check_name(("analyses", analysis, "poses", index), pose, "poses", names, findings)
+
+
+def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
+    """Whether an end means ground or an interface of a component that passed the schema."""
+    if end.component is None:
+        return True
+    component = scene.components.get(end.component)
+    return component is not None and (component.solid.superelement is not None or end.interface in component.interfaces)
+
+
+def sound_joints(scene: SceneTable) -> dict[str, JointTable]:
+    """Joints whose two ends are known and differ."""
+    return {
+        name: joint
+        for name, joint in scene.joints.items()
+        if all(is_known_end(end, scene) for end in joint.between) and joint.between[0].component != joint.between[1].component
+    }

@@ -1,0 +1,145 @@
+"""Overrides of a parsed scene: variants written in the scene and ``key=value`` given on the command line."""
+
+import copy
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from headstock.pipeline.scene_errors import Findings, Origin, show_key, suggest_names
+from headstock.pipeline.scene_validation import known_keys
+from headstock.pipeline.toml_positions import KeyPath
+
+ENTRY_SECTIONS = frozenset(
+    {
+        "materials",
+        "components",
+        "joints",
+        "points",
+        "axes",
+        "supports",
+        "loads",
+        "probes",
+        "poses",
+        "sweeps",
+        "studies",
+        "drives",
+        "variants",
+    }
+)
+MAX_OVERRIDES = 1000
+
+
+def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> dict[str, Any]:
+    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too."""
+    variants = raw.get("variants", {})
+    result = dict(raw)
+    if not isinstance(variants, dict):
+        if name is not None:
+            findings.add(("variants",), f"variant {name!r} cannot be used: variants is not a table")
+        return result
+    if name is not None and name not in variants:
+        findings.add_line(None, f"unknown variant {name!r}; {suggest_names(name, variants, what='variants')}", "variants")
+    for other, overrides in variants.items():
+        target = result if other == name else dict(raw)
+        if not isinstance(overrides, dict):
+            continue  # the schema reports it
+        for path, value, source in _flatten(overrides, ()):
+            line = findings.origin_of(("variants", other, *source)).line
+            _override(target, path, value, Origin(line, f"variant {other}"), findings, record=other == name)
+    return result
+
+
+def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findings) -> None:
+    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not."""
+    for setting in settings[:MAX_OVERRIDES]:
+        key, equals, text = setting.partition("=")
+        path = _split_key(key)
+        label = f"--set {setting}"
+        if not equals or not all(path):
+            findings.problems.append(_unreadable_setting(label))
+            continue
+        _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
+
+
+def path_exists(raw: Mapping[str, Any], key: str) -> str:
+    """Say why a dotted key cannot be set in a scene; empty when it can."""
+    probe = dict(raw)
+    findings = Findings("")
+    _override(probe, _split_key(key), None, Origin(None), findings, record=False)
+    return findings.problems[0][1].message if findings.problems else ""
+
+
+def _unreadable_setting(label: str) -> tuple[int, Any]:
+    findings = Findings(label)
+    findings.add_line(None, "write key=value with a dotted key, such as components.column.fidelity=rigid")
+    return findings.problems[0]
+
+
+def _split_key(key: str) -> KeyPath:
+    return tuple(int(part) if part.isdecimal() and len(part) < 6 else part for part in key.strip().split("."))
+
+
+def _read_value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text.strip()}")
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError):
+        return text.strip()
+    return parsed["value"] if list(parsed) == ["value"] else text.strip()
+
+
+def _flatten(table: Mapping[str, Any], prefix: KeyPath) -> list[tuple[KeyPath, Any, KeyPath]]:
+    """Target path, value and source path of each override; a plain table is walked into, a dotted key is a target."""
+    result: list[tuple[KeyPath, Any, KeyPath]] = []
+    for key, value in table.items():
+        if isinstance(value, dict) and value and "." not in key and len(prefix) < 8:
+            result.extend(_flatten(value, (*prefix, key)))
+        else:
+            path = (*(part for step in prefix for part in _split_key(str(step))), *_split_key(key))
+            result.append((path, value, (*prefix, key)))
+    return result
+
+
+def _override(raw: dict[str, Any], path: KeyPath, value: Any, origin: Origin, findings: Findings, *, record: bool) -> None:
+    problem = _find_obstacle(raw, path)
+    if problem:
+        label = Findings(findings.path, findings.lines, {path: origin})
+        label.add(path, problem)
+        findings.problems.extend(label.problems)
+        return
+    place: Any = raw
+    for part in path[:-1]:
+        # copied along the path only: many variants of a large scene share the rest
+        place[part] = copy.copy(place.get(part, {}) if isinstance(place, dict) else place[part])
+        place = place[part]
+    place[path[-1]] = value
+    if record:
+        for known in [known for known in findings.origins if known[: len(path)] == path]:
+            del findings.origins[known]
+        findings.origins[path] = origin
+
+
+def _find_obstacle(raw: Mapping[str, Any], path: KeyPath) -> str:
+    """Why nothing can be set at a path: an unknown section, entry or key, or a value in the way."""
+    sections = known_keys(()) or []
+    if path[0] not in sections:
+        return f"cannot set {show_key(path)}: {suggest_names(path[0], sections, what='sections')}"
+    place: Any = raw
+    for depth, part in enumerate(path):
+        last = depth == len(path) - 1
+        if isinstance(place, list):
+            if not isinstance(part, int) or part >= len(place):
+                return f"cannot set {show_key(path)}: {show_key(path[:depth])} has entries 0 to {len(place) - 1}"
+            place = list(place)[part]
+            continue
+        if not isinstance(place, dict):
+            return f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
+        if part not in place:
+            if depth == 1 and not last and path[0] in ENTRY_SECTIONS:
+                return f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
+            keys = known_keys(path[:depth])
+            if keys is not None and part not in keys:
+                return f"cannot set {show_key(path)}: unknown key {part!r}; {suggest_names(part, keys, what='known keys')}"
+            place = {}
+            continue
+        place = place[part]
+    return ""

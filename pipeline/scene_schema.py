@@ -1,0 +1,128 @@
+"""Schema of a whole scene file, and its JSON schema."""
+
+from typing import Annotated, Any, Self
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
+from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.pipeline.schema_types import (
+    MAX_POSES,
+    AxisPosition,
+    Count,
+    Flag,
+    Name,
+    Names,
+    PositiveFrequency,
+    PositiveMemory,
+    PositiveTime,
+    StrictTable,
+    Text,
+    problem,
+)
+
+
+class StaticTable(StrictTable):
+    """Compliance at points; without `at` at every point."""
+
+    at: Names | None = None
+    poses: Names | None = None
+
+
+class ModalTable(StrictTable):
+    """Natural frequencies and modes; six of them unless `count` or `up_to` is given."""
+
+    count: Count | None = None
+    up_to: PositiveFrequency | None = None
+    poses: Names | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.count is not None and self.up_to is not None:
+            raise problem("gives both count and up_to; keep one")
+        return self
+
+
+class AnalysesTable(StrictTable):
+    """What is computed."""
+
+    static: StaticTable | None = None
+    modal: ModalTable | None = None
+
+
+def _read_span(value: object) -> object:
+    if not isinstance(value, list) or len(value) != 3:
+        raise problem('is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]')
+    return {"low": value[0], "high": value[1], "positions": value[2]}
+
+
+class SpanTable(StrictTable):
+    """Lowest and highest position of an axis and the number of positions."""
+
+    low: AxisPosition
+    high: AxisPosition
+    positions: Count
+
+
+Span = Annotated[
+    SpanTable,
+    BeforeValidator(_read_span),
+    WithJsonSchema({"type": "array", "examples": [["-100 mm", "100 mm", 21]], "minItems": 3, "maxItems": 3}),
+]
+
+
+class SweepTable(StrictTable):
+    """Positions of axes at which the analyses are repeated."""
+
+    axes: Annotated[dict[Name, Span], Field(min_length=1)]
+
+
+class StudyTable(StrictTable):
+    """Keys of the scene that are varied and results that are watched."""
+
+    vary: Annotated[dict[str, Annotated[list[Any], Field(min_length=1, max_length=100_000)]], Field(min_length=1)]
+    watch: Names
+
+
+class LimitsTable(StrictTable):
+    """What a run may cost."""
+
+    elements: Count | None = None
+    memory: PositiveMemory | None = None
+    time: PositiveTime | None = None
+
+
+def _read_effects(value: object) -> object:
+    return dict.fromkeys(value, True) if isinstance(value, list) and all(isinstance(name, str) for name in value) else value
+
+
+Effects = Annotated[dict[Text, Any], BeforeValidator(_read_effects)]
+
+
+class SceneTable(StrictTable):
+    """A scene: one machine, its poses and what is to be computed."""
+
+    name: Text | None = None
+    materials: dict[Name, MaterialTable] = {}
+    components: dict[Name, ComponentTable] = {}
+    joints: dict[Name, JointTable] = {}
+    points: dict[Name, PointTable] = {}
+    axes: dict[Name, AxisTable] = {}
+    supports: dict[Name, SupportTable] = {}
+    loads: dict[Name, LoadTable] = {}
+    probes: dict[Name, ProbeTable] = {}
+    variants: dict[Name, dict[str, Any]] = {}
+    poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
+    sweeps: dict[Name, SweepTable] = {}
+    studies: dict[Name, StudyTable] = {}
+    drives: dict[Name, dict[str, Any]] = {}
+    effects: Effects = {}
+    analyses: AnalysesTable = AnalysesTable()
+    orientation: OrientationTable = OrientationTable()
+    limits: LimitsTable = LimitsTable()
+    free: Flag = False
+
+
+def schema_json() -> dict[str, Any]:
+    """JSON schema of a scene file, as ``headstock schema`` prints it."""
+    return SceneTable.model_json_schema(mode="validation")

@@ -1,0 +1,195 @@
+"""Field types of the scene schema: quantities with units, plain numbers, names, directions and references."""
+
+import math
+import re
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from headstock.geometry.joints import GROUND, JointEnd
+from headstock.pipeline import units
+from headstock.pipeline.units import Dimension, Quantity, UnitError, parse_quantity, show_value
+
+MAX_COUNT = 10_000_000
+MAX_RIBS = 200
+MAX_POSES = 1000
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
+_DIRECTION = re.compile(r"([+-]?)([xyz])")
+
+
+class StrictTable(BaseModel):
+    """A table of the scene: unknown keys are errors, values cannot be changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def problem(message: str) -> PydanticCustomError:
+    """A validation error that carries a finished message."""
+    return PydanticCustomError("scene", "{message}", {"message": message})
+
+
+def _read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
+    def read(value: object) -> Quantity:
+        if isinstance(value, Quantity):
+            return value
+        try:
+            return parse_quantity(value, *dimensions)
+        except UnitError as error:
+            raise problem(str(error)) from error
+
+    return read
+
+
+def _read_float(dimension: Dimension) -> Callable[[object], float]:
+    read = _read_quantity(dimension)
+    return lambda value: read(value).value
+
+
+def _describe(*dimensions: Dimension) -> WithJsonSchema:
+    names = " or ".join(dimension.name for dimension in dimensions)
+    return WithJsonSchema(
+        {"type": "string", "description": f"{names} with a unit", "examples": [dimension.example for dimension in dimensions]}
+    )
+
+
+def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
+    def check(value: float) -> float:
+        if not test(value):
+            raise problem(f"is {value:g} in SI units but {rule}")
+        return value
+
+    return AfterValidator(check)
+
+
+_POSITIVE = _require(lambda value: value > 0.0, "must be above zero")
+_NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
+
+Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _describe(units.LENGTH)]
+PositiveLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, _describe(units.LENGTH)]
+NotNegativeLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, _describe(units.LENGTH)]
+Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), _describe(units.ANGLE)]
+Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _describe(units.PRESSURE)]
+PositivePressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, _describe(units.PRESSURE)]
+PositiveDensity = Annotated[float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, _describe(units.DENSITY)]
+PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, _describe(units.MASS)]
+PositiveFrequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, _describe(units.FREQUENCY)]
+PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, _describe(units.TIME)]
+PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, _describe(units.MEMORY)]
+Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _describe(units.FORCE)]
+Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), _describe(units.MOMENT)]
+Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), _describe(units.ACCELERATION)]
+AxisPosition = Annotated[Quantity, BeforeValidator(_read_quantity(units.LENGTH, units.ANGLE)), _describe(units.LENGTH, units.ANGLE)]
+
+
+def _read_joint_value(translation: Dimension, rotation: Dimension) -> Callable[[object], Quantity | str]:
+    read = _read_quantity(translation, rotation)
+    return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
+
+
+JointStiffness = Annotated[
+    Quantity | str,
+    BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
+    _describe(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+]
+JointDamping = Annotated[
+    Quantity,
+    BeforeValidator(_read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
+    _describe(units.DAMPING, units.ROTATIONAL_DAMPING),
+]
+
+
+def _read_number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise problem(f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3")
+    if (isinstance(value, int) and abs(value) > 10**300) or not math.isfinite(value):
+        raise problem(f"{show_value(value)} is not finite; write an ordinary number")
+    return float(value)
+
+
+def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int]:
+    def read(value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise problem(f"{show_value(value)} is not a whole number; write one without quotes, such as {max(lowest, 1)}")
+        if not lowest <= value <= highest:
+            raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
+        return value
+
+    return read
+
+
+Number = Annotated[float, BeforeValidator(_read_number), WithJsonSchema({"type": "number"})]
+Count = Annotated[int, BeforeValidator(_read_count(1)), WithJsonSchema({"type": "integer", "minimum": 1})]
+CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), WithJsonSchema({"type": "integer", "minimum": 0})]
+RibCount = Annotated[int, BeforeValidator(_read_count(0, MAX_RIBS)), WithJsonSchema({"type": "integer", "minimum": 0})]
+Flag = StrictBool
+
+
+def _read_name(value: object) -> str:
+    if not isinstance(value, str) or _NAME.fullmatch(value) is None:
+        raise problem(f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64")
+    return value
+
+
+Name = Annotated[str, BeforeValidator(_read_name)]
+
+
+def _check_text(value: str) -> str:
+    if len(value) > 400 or not value.isprintable():
+        raise problem("must be one line of at most 400 printable characters")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_check_text)]
+
+
+def _wrap(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+Size = Annotated[list[PositiveLength], Field(min_length=3, max_length=3)]
+Position = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Names = Annotated[list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000)]
+
+
+def _read_direction(value: object) -> tuple[float, float, float]:
+    if isinstance(value, str) and (match := _DIRECTION.fullmatch(value)):
+        sign = -1.0 if match[1] == "-" else 1.0
+        x, y, z = (sign if letter == match[2] else 0.0 for letter in "xyz")
+        return x, y, z
+    if not isinstance(value, list) or len(value) != 3:
+        raise problem(f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]')
+    vector = np.array([_read_number(item) for item in value])
+    scale = float(np.abs(vector).max())
+    if scale == 0.0:
+        raise problem("a direction needs a length above zero")
+    vector = vector / scale
+    x, y, z = (float(item) for item in vector / np.linalg.norm(vector))
+    return x, y, z
+
+
+Direction = Annotated[
+    tuple[float, float, float],
+    BeforeValidator(_read_direction),
+    WithJsonSchema({"description": "x, -z ... or three plain numbers", "examples": ["x", "-z", [1, 0, 0]]}),
+]
+
+
+def _read_end(value: object) -> JointEnd:
+    if isinstance(value, JointEnd):
+        return value
+    if value == GROUND:
+        return JointEnd()
+    if not isinstance(value, str) or value.count(".") != 1 or not all(value.split(".")):
+        raise problem(f'{show_value(value)} is not an end; write "component.interface" or "ground"')
+    component, _, interface = value.partition(".")
+    return JointEnd(component, interface)
+
+
+End = Annotated[
+    JointEnd,
+    BeforeValidator(_read_end),
+    WithJsonSchema({"type": "string", "description": "component.interface or ground", "examples": ["column.foot", "ground"]}),
+]

@@ -1,0 +1,46 @@
+"""One component of a scene as a superelement file that other scenes can read."""
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.run_state import RunState
+from headstock.pipeline.runner import HANDLERS
+from headstock.pipeline.scene import Scene
+from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.superelement_files import write_superelement
+from headstock.solvers.errors import ModelError
+
+
+def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.Comm, store: Store | None = None) -> str:
+    """Reduce a component as its scene says and write it; read it back with ``solid = { superelement = "x.h5" }``.
+
+    Args:
+        scene: The scene; the same on every rank.
+        component: Name of one of its components.
+        path: File to write, whole or not at all.
+        comm: Collective.
+        store: Where meshes and superelements are kept; by default the user's.
+
+    Returns:
+        What was written, in a few words; on every rank.
+
+    Raises:
+        ModelError: The scene has no such component.
+        HeadstockError: The reduction or the file failed.
+    """
+    plan = plan_scene(scene)
+    if component not in plan.components:
+        raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
+    state = RunState(scene, plan, comm, store or Store(default_store_root()))
+    for stage in plan.stages:
+        if stage.component == component:
+            HANDLERS[stage.kind](state, stage)
+    text = ""
+    if state.is_root:
+        superelement = state.reduced[component].superelement
+        write_superelement(path, superelement)
+        text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
+    return str(share_from_root(comm, text))

@@ -1,0 +1,109 @@
+"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+import h5py
+import numpy as np
+
+from headstock.pipeline.atomic_files import write_atomically
+from headstock.pipeline.record_files import RecordError, read_record, write_record
+from headstock.reduction.superelement import Superelement
+
+FORMAT = "headstock superelement"
+VERSION = 1
+# limits of the child process that reads a file first: fixed, and growing with the file
+PROBE = "headstock.pipeline.superelement_probe"
+REFUSED = 3
+MEMORY_BYTES = 768 << 20
+MEMORY_FACTOR = 20
+SECONDS = 8
+
+
+def write_superelement(path: Path, superelement: Superelement) -> None:
+    """Write a superelement so that a reader sees the old file or the whole new one, never a part."""
+    image = io.BytesIO()
+    with h5py.File(image, "w", track_order=True) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        write_record(file, superelement)
+    write_atomically(path, image.getvalue())
+
+
+def read_superelement(path: Path) -> Superelement:
+    """Read a superelement file and check that its parts fit together; a child process with limits reads it first.
+
+    Raises:
+        RecordError: The file is no superelement file, is damaged, or its arrays contradict each other.
+    """
+    try:
+        with path.open("rb") as file:
+            _probe(file, path.name)
+            file.seek(0)
+            return parse_superelement(io.BytesIO(file.read()), str(path))
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def parse_superelement(content: BinaryIO, name: str) -> Superelement:
+    """Read a superelement from the content of its file.
+
+    Args:
+        content: Of the file.
+        name: Of the file, for messages.
+
+    Raises:
+        RecordError: It is no superelement file, is damaged, or its arrays contradict each other.
+    """
+    try:
+        with h5py.File(content, "r") as file:
+            if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
+                raise RecordError(f"it is not a {FORMAT} file of version {VERSION}")
+            superelement = read_record(file, Superelement)
+    except RecordError as error:
+        raise RecordError(f"{name}: {error}") from error
+    except Exception as error:  # h5py raises almost anything on damaged files
+        raise RecordError(f"{name} cannot be read as a superelement: {type(error).__name__}: {error}") from error
+    _check_shapes(name, superelement)
+    return superelement
+
+
+def _probe(file: BinaryIO, name: str) -> None:
+    command = [sys.executable, "-P", "-m", PROBE, str(os.getpid()), name]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    done = subprocess.run(command, stdin=file, capture_output=True, text=True, errors="replace", env=environment)
+    if done.returncode == 0:
+        return
+    message = next((line for line in reversed(done.stderr.splitlines()) if line.strip()), "no message")
+    if done.returncode != REFUSED:
+        message = f"{name} is damaged: the process that read it within its limits ended with code {done.returncode} ({message})"
+    raise RecordError(message)
+
+
+def _check_shapes(path: str, superelement: Superelement) -> None:
+    size = len(superelement.labels)
+    expected = {
+        "stiffness": (superelement.stiffness, (size, size)),
+        "mass": (superelement.mass, (size, size)),
+        "damping": (superelement.damping, (size, size)),
+        "constraints": (superelement.constraints, (len(superelement.constraints), size)),
+        "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
+        "center_of_mass": (superelement.center_of_mass, (3,)),
+        "inertia": (superelement.inertia, (3, 3)),
+    }
+    if superelement.recovery is not None and superelement.recovery_points is not None:
+        expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
+    for name, load in superelement.loads.items():
+        expected[f"loads/{name}"] = (load.vector, (size,))
+    for name, (array, shape) in expected.items():
+        if array is not None and array.shape != shape:
+            raise RecordError(f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels")
+        if array is not None and not np.isfinite(array).all():
+            raise RecordError(f"{path}: {name} holds values that are not finite")
+    for name, attachment in superelement.attachments.items():
+        if not 0 <= attachment.node < len(superelement.frames):
+            raise RecordError(f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}")

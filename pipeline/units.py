@@ -1,0 +1,193 @@
+"""Quantities with units, read at the border: text in, SI floats inside."""
+
+import math
+import re
+import unicodedata
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import lru_cache
+
+import pint
+
+# A registry of its own: the default one turns Hz into 1/s (so rad/s into Hz), drops the radian and takes longer to build.
+# Hertz and radian are dimensions here; Decimal makes "38 mm" and "0.038 m" the same float.
+_DEFINITIONS = """
+micro- = 1e-6 = u- = μ-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+giga- = 1e9 = G-
+nano- = 1e-9 = n-
+meter = [length] = m = metre
+second = [time] = s = sec
+gram = [mass] = g
+radian = [angle] = rad
+hertz = [frequency] = Hz
+byte = [information] = B
+tonne = 1e3 * kilogram = t = ton
+inch = 25.4e-3 * meter = in
+foot = 304.8e-3 * meter = ft
+minute = 60 * second = min
+hour = 3600 * second = h
+newton = kilogram * meter / second ** 2 = N
+pascal = newton / meter ** 2 = Pa
+bar = 1e5 * pascal = bar
+liter = 1e-3 * meter ** 3 = l = L
+degree = 0.01745329251994329576923690768 * radian = deg = °
+revolution = 6.283185307179586476925286767 * radian = rev
+revolutions_per_minute = revolution / minute = rpm
+standard_gravity = 9.80665 * meter / second ** 2 = g_n
+percent = 0.01 = %
+pound_force = 4.4482216152605 * newton = lbf
+psi = 6894.757293168361 * pascal = psi
+kibibyte = 1024 * byte = KiB
+mebibyte = 1048576 * byte = MiB
+gibibyte = 1073741824 * byte = GiB
+"""
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,5})?)(?![\d.eE,_jJ])\s*(.*?)\s*", re.DOTALL)
+_FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
+_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
+_SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
+MAX_TEXT = 80
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A kind of quantity: its name, SI unit and an example to show to whoever got it wrong."""
+
+    name: str
+    unit: str
+    example: str
+
+
+LENGTH = Dimension("length", "m", "250 mm")
+ANGLE = Dimension("angle", "rad", "30 deg")
+MASS = Dimension("mass", "kg", "35 kg")
+TIME = Dimension("time", "s", "60 s")
+FREQUENCY = Dimension("frequency", "Hz", "500 Hz")
+PRESSURE = Dimension("pressure", "Pa", "210 GPa")
+DENSITY = Dimension("density", "kg/m^3", "7850 kg/m^3")
+FORCE = Dimension("force", "N", "1 kN")
+MOMENT = Dimension("moment", "N m", "10 N m")
+STIFFNESS = Dimension("stiffness", "N/m", "380 N/um")
+ROTATIONAL_STIFFNESS = Dimension("rotational stiffness", "N m/rad", "1e6 N m/rad")
+DAMPING = Dimension("damping", "N s/m", "20 N s/m")
+ROTATIONAL_DAMPING = Dimension("rotational damping", "N m s/rad", "5 N m s/rad")
+ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2")
+SPEED = Dimension("speed", "m/s", "3000 mm/min")
+ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm")
+MEMORY = Dimension("amount of memory", "B", "4 GB")
+RATIO = Dimension("ratio", "", "2 %")
+DIMENSIONS = (
+    LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS, DAMPING,
+    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, MEMORY, RATIO,
+)  # fmt: skip
+
+
+class UnitError(ValueError):
+    """A text that is not a quantity of the wanted kind; the message says what to write."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value in SI units together with what it measures."""
+
+    value: float
+    dimension: Dimension
+
+
+def _build_registry() -> pint.UnitRegistry:
+    registry = pint.UnitRegistry(None, non_int_type=Decimal)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+_REGISTRY = _build_registry()
+
+
+def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
+    """Read a quantity such as ``"380 N/um"`` that measures one of the given dimensions.
+
+    Args:
+        text: What the scene holds; anything but text with a number and a unit is refused.
+        dimensions: Dimensions that are accepted, at least one.
+
+    Returns:
+        The value in SI units and the dimension it was found to have.
+
+    Raises:
+        UnitError: Not a number with a unit, not finite, an unknown unit, or another dimension.
+    """
+    wanted = " or ".join(_with_article(dimension) for dimension in dimensions)
+    example = " or ".join(f'"{dimension.example}"' for dimension in dimensions)
+    if isinstance(text, bool) or not isinstance(text, str | int | float):
+        raise UnitError(f"{show_value(text)} is not {wanted}; write a number with a unit in quotes, such as {example}")
+    if not isinstance(text, str):
+        if isinstance(text, float) and not math.isfinite(text):
+            raise UnitError(f"{text} is not finite; write {wanted} such as {example}")
+        shown = show_value(text)
+        raise UnitError(f'{shown} has no unit; write it in quotes with a unit, such as "{shown} {dimensions[0].unit}"')
+    number, unit = _split_quantity(text, wanted, example)
+    factor, dimensionality = _resolve_unit(unit, example)
+    for dimension in dimensions:
+        if dimensionality == _resolve_unit(dimension.unit, example)[1]:
+            return Quantity(_scale_number(number, factor, text, wanted), dimension)
+    raise UnitError(f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
+
+
+def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:
+    if len(text) > MAX_TEXT:
+        raise UnitError(f"{show_value(text)} is too long for a quantity; write {wanted} such as {example}")
+    clean = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
+    match = _NUMBER.fullmatch(clean)
+    if match is None:
+        raise UnitError(f"{show_value(text)} is not one real number with a unit; write {wanted} such as {example}")
+    return match[1], match[2]
+
+
+def _scale_number(number: str, factor: Decimal, text: str, wanted: str) -> float:
+    if not math.isfinite(float(number)):
+        raise UnitError(f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size")
+    value = float(Decimal(number) * factor)
+    if not math.isfinite(value) or (value == 0.0 and Decimal(number) != 0):
+        raise UnitError(f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size")
+    return value
+
+
+@lru_cache(maxsize=1024)
+def _resolve_unit(unit: str, example: str) -> tuple[Decimal, str]:
+    """Factor to the SI base units of this registry and the dimensionality as text."""
+    if not unit:
+        return Decimal(1), "dimensionless"
+    if _UNIT.fullmatch(unit) is None:
+        raise UnitError(f"{unit!r} is not a unit; write units like N/um, kg/m^3 or N s/m, for example {example}")
+    try:
+        parsed = _REGISTRY.parse_units(unit.replace("^", "**"))
+    except (pint.errors.PintError, AttributeError) as error:
+        raise UnitError(f"unknown unit {unit!r}; write for example {example}") from error
+    factor, _ = _REGISTRY.get_root_units(parsed)
+    grams = 3 * int(dict(parsed.dimensionality).get("[mass]", 0))  # the registry's root mass is the gram
+    return Decimal(str(factor)).scaleb(-grams), str(parsed.dimensionality)
+
+
+def _describe(unit: str, dimensionality: str) -> str:
+    if not unit:
+        return "a plain number"
+    for dimension in DIMENSIONS:
+        if _resolve_unit(dimension.unit, "")[1] == dimensionality:
+            return _with_article(dimension)
+    return f"in {unit}"
+
+
+def _with_article(dimension: Dimension) -> str:
+    return f"{'an' if dimension.name[0] in 'aeiou' else 'a'} {dimension.name}"
+
+
+def show_value(value: object) -> str:
+    """A value as the scene writes it, shortened: what error messages quote."""
+    if isinstance(value, int) and abs(value) > 10**40:
+        return "a number of more than 40 digits"  # longer ones cannot even be printed
+    text = repr(value) if not isinstance(value, str) else f'"{value}"'
+    return text if len(text) <= MAX_TEXT else f"{text[: MAX_TEXT - 3]}..."

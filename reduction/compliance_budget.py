@@ -1,0 +1,208 @@
+"""Compliance at a point of a machine, and which component or joint it comes from."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.reduction.body_motions import join_names, rigid_dofs, split_number
+from headstock.reduction.coupling import CoupledMachine
+from headstock.reduction.free_motions import solve_machine_static
+from headstock.solvers.errors import AccuracyError, ModelError
+from headstock.solvers.static_response import solve_static
+
+BUDGET_LIMIT = 1e-9
+DIRECTIONS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class PointBudget:
+    """Compliance of the tool against the work, and its make-up.
+
+    Attributes:
+        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes.
+        shares: For x, y and z the share of each component and joint in that direction's compliance; each sums to 1. Empty for
+            a direction in which nothing gives way.
+    """
+
+    compliance: FloatArray
+    shares: dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class WeakLink:
+    """The component, joint or family of numbered joints with the largest share.
+
+    Attributes:
+        name: Its name, such as ``y_base`` or ``z_carriage_1..4``.
+        plural: It is a family of several.
+        direction: ``x``, ``y`` or ``z``.
+        share: Its share of the compliance.
+        change: Relative change of the compliance when its stiffness is doubled, recomputed.
+    """
+
+    name: str
+    direction: str
+    share: float
+    change: float
+    plural: bool = False
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name} {'give' if self.plural else 'gives'} {100.0 * self.share:.0f} % of the {self.direction} compliance; "
+            f"doubling {'their' if self.plural else 'its'} stiffness changes it by {100.0 * self.change:+.0f} %"
+        )
+
+
+def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
+    """Generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones on the work, machine axes.
+
+    Raises:
+        ModelError: There is no such point.
+    """
+    if (point, "x") not in coupled.system.inputs:
+        known = sorted({name for name, _ in coupled.system.inputs})
+        raise ModelError(f"there is no point {point!r}; points and interfaces: {known}")
+    return np.column_stack([coupled.system.inputs[point, dof] for dof in DOF_NAMES])
+
+
+def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
+    """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit load between them.
+
+    Raises:
+        ModelError: There is no such point, or the machine is a mechanism.
+    """
+    loads = point_loads(coupled, point)
+    return _observe(coupled, point, solve_machine_static(coupled, loads).displacements)
+
+
+def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
+    """Compliance at a point with the share of every component and joint by strain energy.
+
+    Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum over components and joints.
+
+    Raises:
+        ModelError: There is no such point, or the machine is a mechanism.
+        AccuracyError: The energies do not add up to the work of the load.
+    """
+    displacements = solve_machine_static(coupled, point_loads(coupled, point)).displacements
+    compliance = _observe(coupled, point, displacements)
+    shares = {}
+    for i, direction in enumerate(DIRECTIONS):
+        energies = strain_energies(coupled, displacements[:, i])
+        shares[direction] = _shares(energies, 0.5 * float(compliance[i, i]), f"{point} {direction}")
+    return PointBudget(compliance, shares)
+
+
+def strain_energies(coupled: CoupledMachine, displacement: FloatArray) -> dict[str, float]:
+    """Strain energy [J] of each component and joint for a generalised displacement ``(n,)``; rigid ones are left out."""
+    stacked = coupled.basis @ displacement
+    energies = {}
+    for name, stiffness in coupled.matrices.stiffnesses.items():
+        if stiffness.any():
+            own = _deformation(coupled, name, stacked[coupled.offsets[name]])
+            energies[name] = 0.5 * float(own @ stiffness @ own)
+    for spring in coupled.joint_springs:
+        if np.any(spring.stiffness):
+            stretch = spring.rows @ displacement
+            energies[spring.name] = 0.5 * float(stretch @ spring.stiffness @ stretch)
+    return energies
+
+
+def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
+    """A component's dofs less the rigid motion of its first node: strains nothing, and would only cost digits."""
+    superelement = coupled.layout.superelements[name]
+    if superelement.supported or not superelement.frames:
+        return own
+    placement = coupled.placements[name]
+    first = placement.origin + placement.rotation @ superelement.frames[0].origin
+    return np.asarray(own - rigid_dofs(coupled, name, first) @ own[:6])
+
+
+def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
+    """``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit angular frequency."""
+    stacked = coupled.basis @ shape
+    parts = {name: stacked[coupled.offsets[name]] for name in coupled.offsets}
+    return {name: 0.5 * float(own @ coupled.matrices.masses[name] @ own) for name, own in parts.items()}
+
+
+def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[dict[str, float], ...], tuple[dict[str, float], ...]]:
+    """Shares of strain energy (components and joints) and of kinetic energy (components) for each mode shape ``(n, m)``.
+
+    A rigid-body mode has no strain energy and an empty strain share.
+    """
+    strain, kinetic = [], []
+    for shape in shapes.T:
+        energies = strain_energies(coupled, shape)
+        terms = 0.5 * float(np.abs(shape) @ np.abs(coupled.system.stiffness) @ np.abs(shape))
+        strained = sum(energies.values()) > len(shape) * np.finfo(float).eps * terms
+        strain.append(_normalised(energies) if strained else {})
+        kinetic.append(_normalised(kinetic_energies(coupled, shape)))
+    return tuple(strain), tuple(kinetic)
+
+
+def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budget: PointBudget | None = None) -> WeakLink | None:
+    """The part that gives most of the compliance in a direction, and what doubling its stiffness would change.
+
+    Joints and components whose names differ by a number only, such as the carriages of one guide, count as one part.
+
+    Args:
+        coupled: The machine.
+        point: A point's name.
+        direction: ``x``, ``y`` or ``z``.
+        budget: The point's budget where it is already known.
+
+    Returns:
+        None where nothing gives way in that direction.
+    """
+    budget = budget or point_budget(coupled, point)
+    shares = budget.shares[direction]
+    if not shares:
+        return None
+    families: dict[str, list[str]] = {}
+    for name in sorted(shares):
+        families.setdefault(split_number(name)[0], []).append(name)
+    totals = {stem: sum(shares[name] for name in members) for stem, members in families.items()}
+    members = families[min(totals, key=lambda stem: (-round(totals[stem], 9), stem))]
+    axis = DIRECTIONS.index(direction)
+    load = coupled.system.inputs[point, direction]
+    row = coupled.system.outputs[point, direction]
+    stiffened = dataclasses.replace(
+        coupled.system, stiffness=coupled.system.stiffness + np.sum([_own_stiffness(coupled, name) for name in members], axis=0)
+    )
+    changed = float(row @ solve_static(stiffened, load).displacements)
+    change = changed / float(budget.compliance[axis, axis]) - 1.0
+    return WeakLink(join_names(members), direction, sum(shares[name] for name in members), change, len(members) > 1)
+
+
+def _own_stiffness(coupled: CoupledMachine, name: str) -> FloatArray:
+    """What a component or joint adds to the stiffness ``(n, n)``."""
+    if name in coupled.matrices.stiffnesses:
+        rows, stiffness = coupled.basis[coupled.offsets[name]], coupled.matrices.stiffnesses[name]
+    else:
+        spring = next(spring for spring in coupled.joint_springs if spring.name == name)
+        rows, stiffness = spring.rows, spring.stiffness
+    return np.asarray(rows.T @ stiffness @ rows)
+
+
+def _observe(coupled: CoupledMachine, point: str, displacements: FloatArray) -> FloatArray:
+    return np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES]) @ displacements
+
+
+def _shares(energies: dict[str, float], work: float, what: str) -> dict[str, float]:
+    """Energies over the work of the load, which they must add up to."""
+    if not work > 0.0:
+        return {}
+    error = abs(sum(energies.values()) / work - 1.0)
+    if not error <= BUDGET_LIMIT:
+        raise AccuracyError(
+            f"compliance budget of {what}: the strain energies miss the work of the load by {error:.2g}, limit {BUDGET_LIMIT:g}; "
+            "look for joint stiffnesses that differ by more than 14 decades"
+        )
+    return {name: energy / work for name, energy in energies.items()}
+
+
+def _normalised(energies: dict[str, float]) -> dict[str, float]:
+    total = sum(energies.values())
+    return {name: energy / total for name, energy in energies.items()} if total > 0.0 else {}

@@ -1,0 +1,104 @@
+"""Mass, stiffness and damping of a coupled machine in its free coordinates."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.constraint_elimination import Elimination
+from headstock.reduction.dof_layout import DofLayout, clean_stiffness, turn_dofs
+from headstock.reduction.graded_springs import SpringGrading
+from headstock.reduction.joint_matrices import JointSpring
+
+ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum of is roundoff
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentMatrices:
+    """Matrices of each component with boundary dofs in machine axes."""
+
+    stiffnesses: dict[str, FloatArray]
+    masses: dict[str, FloatArray]
+    dampings: dict[str, FloatArray]
+
+
+def component_matrices(layout: DofLayout) -> ComponentMatrices:
+    """Turn every superelement's matrices to machine axes, its rigid motions free of roundoff."""
+    stiffnesses, masses, dampings = {}, {}, {}
+    for name, superelement in layout.superelements.items():
+        turn = turn_dofs(superelement, layout.placements[name])
+        stiffnesses[name] = _congruence(turn, clean_stiffness(superelement))
+        masses[name] = _congruence(turn, superelement.mass)
+        if superelement.damping is not None:
+            dampings[name] = _congruence(turn, superelement.damping)
+    return ComponentMatrices(stiffnesses, masses, dampings)
+
+
+def sum_stiffness(
+    layout: DofLayout, matrices: ComponentMatrices, elimination: Elimination, springs: Sequence[JointSpring], grading: SpringGrading
+) -> FloatArray:
+    """Stiffness ``(n, n)`` of components and joints.
+
+    A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the others its row is zero but for
+    roundoff, which times its stiffness would drown a soft spring.
+    """
+    total = _sum_components(layout, matrices.stiffnesses, elimination.basis)
+    if not grading.groups:
+        for spring in springs:
+            total += spring.rows.T @ spring.stiffness @ spring.rows
+        return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
+    rows = {spring.name: spring.rows for spring in springs}
+    for index, group in enumerate(grading.groups, start=1):
+        sees = (elimination.levels > 0) & (elimination.levels <= index)
+        for part in group:
+            row = np.where(sees, part.direction @ rows[part.joint], 0.0)
+            total += part.stiffness * np.outer(row, row)
+    for part in grading.soft:
+        row = part.direction @ rows[part.joint]
+        total += part.stiffness * np.outer(row, row)
+    return 0.5 * (total + total.T)
+
+
+def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray) -> FloatArray:
+    """Mass ``(n, n)`` of the components."""
+    return _sum_components(layout, matrices.masses, basis)
+
+
+def sum_damping(
+    layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, springs: Sequence[JointSpring]
+) -> FloatArray | None:
+    """Viscous damping ``(n, n)`` of components and joints, or None without any."""
+    dampers = [spring for spring in springs if np.any(spring.damping)]
+    if not matrices.dampings and not dampers:
+        return None
+    total = _sum_components(layout, matrices.dampings, basis)
+    for spring in dampers:
+        total += spring.rows.T @ spring.damping @ spring.rows
+    return _symmetric_if(total, all(np.array_equal(s.damping, s.damping.T) for s in dampers))
+
+
+def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray) -> FloatArray:
+    """``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero."""
+    total = np.zeros((basis.shape[1], basis.shape[1]))
+    terms = np.zeros(basis.shape[1])
+    for name, matrix in matrices.items():
+        block = basis[layout.offsets[name]]
+        columns = np.flatnonzero(np.any(block != 0.0, axis=0))
+        part = block[:, columns]
+        total[np.ix_(columns, columns)] += part.T @ matrix @ part
+        magnitude = np.abs(part)
+        terms[columns] += np.einsum("ij,ij->j", magnitude, np.abs(matrix) @ magnitude)
+    noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
+    total[noise, :] = 0.0
+    total[:, noise] = 0.0
+    return 0.5 * (total + total.T)
+
+
+def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:
+    turned = turn.T @ matrix @ turn
+    return np.asarray(0.5 * (turned + turned.T))
+
+
+def _symmetric_if(matrix: FloatArray, symmetric: bool) -> FloatArray:
+    return 0.5 * (matrix + matrix.T) if symmetric else matrix

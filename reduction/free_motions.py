@@ -1,0 +1,90 @@
+"""Motions of a machine that nothing holds: which bodies move, and how."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.body_motions import MOTION_NAMES, join_names, split_motions
+from headstock.reduction.coupling import CoupledMachine
+from headstock.solvers.errors import ModelError
+from headstock.solvers.null_space import find_null_space
+from headstock.solvers.static_response import StaticResult, solve_static
+
+MOVING_SHARE = 1e-6
+RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """One independent motion that meets no stiffness.
+
+    Attributes:
+        bodies: Components that take part.
+        motion: Machine-tool word such as ``X translation``.
+        shape: ``(n_all,)`` stacked dofs.
+    """
+
+    bodies: tuple[str, ...]
+    motion: str
+    shape: FloatArray
+
+    def __str__(self) -> str:
+        return f"{self.motion} of {join_names(self.bodies)}" if self.bodies else self.motion
+
+
+def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
+    """Independent motions that meet no stiffness, each as simple as can be: one body leads, the others of the set do not."""
+    null = find_null_space(coupled.system.stiffness)
+    if null.dimension == 0:
+        return ()
+    shapes = coupled.basis @ null.vectors
+    rigid = np.column_stack([_stack_rigid(coupled, shape) for shape in shapes.T])
+    _, triangular, pivots = qr(rigid.T, mode="economic", pivoting=True)
+    rank = int(np.count_nonzero(np.abs(triangular.diagonal()) > RANK_TOLERANCE * max(abs(triangular[0, 0]), np.finfo(float).tiny)))
+    leaders = np.sort(pivots[:rank])
+    combined = shapes @ np.linalg.pinv(rigid[leaders]) if rank else shapes[:, :0]
+    motions = [_describe(coupled, combined[:, i], int(leader)) for i, leader in enumerate(leaders)]
+    if rank < null.dimension:
+        labels = sorted({coupled.system.labels[int(dof)] for dof in null.pinned})
+        motions += [
+            FreeMotion((), f"a motion without any body ({', '.join(labels)})", shapes[:, i]) for i in range(rank, null.dimension)
+        ]
+    return tuple(motions)
+
+
+def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> StaticResult:
+    """Static displacements of a coupled machine.
+
+    Args:
+        coupled: The machine.
+        loads: ``(n,)`` or ``(n, m)`` generalised loads.
+
+    Raises:
+        ModelError: The machine is a mechanism; every free motion is named with the bodies that move.
+        AccuracyError: The residual is too large.
+    """
+    try:
+        return solve_static(coupled.system, loads)
+    except ModelError as error:
+        motions = find_free_motions(coupled)
+        if not motions:
+            raise
+        raise ModelError(
+            f"{len(motions)} rigid motion(s) are free, so there is no static answer: "
+            f"{'; '.join(str(motion) for motion in motions)}. "
+            "Hold them by a joint or a support"
+        ) from error
+
+
+def _stack_rigid(coupled: CoupledMachine, shape: FloatArray) -> FloatArray:
+    """Rigid motions ``(6 n_components,)`` of all components, rotations times the machine's length."""
+    scale = np.repeat([1.0, coupled.layout.length], 3)
+    return np.concatenate([scale * motion.rigid for motion in split_motions(coupled, shape)])
+
+
+def _describe(coupled: CoupledMachine, shape: FloatArray, leader: int) -> FreeMotion:
+    stacked = np.abs(_stack_rigid(coupled, shape)).reshape(-1, 6).max(axis=1)
+    bodies = tuple(name for name, size in zip(coupled.offsets, stacked, strict=True) if size > MOVING_SHARE * stacked.max())
+    return FreeMotion(bodies, MOTION_NAMES[leader % 6], shape)

@@ -1,0 +1,80 @@
+"""Springs sorted into groups of like stiffness, stiffest first."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.joint_matrices import JointSpring, SpringDirection, principal_springs
+from headstock.solvers.symmetric_matrices import is_symmetric
+
+GRADING_RATIO = 1e4  # stiffer than this times the softest spring: a coordinate of its own
+GRADING_STEP = 1e3  # springs within this factor share a group
+STIFF_RATIO = 1e9
+ABSURD_RATIO = 1e12
+
+
+@dataclass(frozen=True, eq=False)
+class SpringGrading:
+    """How the springs of a machine differ.
+
+    Attributes:
+        groups: Stiff springs, the stiffest group first; empty where all springs are alike.
+        soft: The other springs, where there are groups.
+        warnings: About ratios no machine has.
+    """
+
+    groups: tuple[tuple[SpringDirection, ...], ...]
+    soft: tuple[SpringDirection, ...]
+    warnings: tuple[str, ...]
+
+    def group_rows(self, springs: Sequence[JointSpring]) -> list[FloatArray]:
+        """Rows ``(m_g, n_all)`` of each group."""
+        rows = {spring.name: spring.rows for spring in springs}
+        return [np.array([part.direction @ rows[part.joint] for part in group]) for group in self.groups]
+
+
+def grade_springs(springs: Sequence[JointSpring], length: float) -> SpringGrading:
+    """Sort the springs of all joints by stiffness, rotational ones over the square of a length of the machine.
+
+    Args:
+        springs: Joints as placed.
+        length: Characteristic length of the machine [m].
+    """
+    if not all(is_symmetric(spring.stiffness) for spring in springs):
+        return SpringGrading((), (), ())
+    parts = [part for spring in springs for part in principal_springs(spring, length) if _acts(spring, part)]
+    parts.sort(key=lambda part: -abs(part.level))
+    if not parts or abs(parts[0].level) <= GRADING_RATIO * abs(parts[-1].level):
+        return SpringGrading((), (), ())
+    softest = parts[-1]
+    groups: list[list[SpringDirection]] = []
+    for part in parts:
+        if abs(part.level) <= GRADING_RATIO * abs(softest.level):
+            break
+        if not groups or abs(part.level) * GRADING_STEP < abs(groups[-1][0].level):
+            groups.append([])
+        groups[-1].append(part)
+    soft = tuple(parts[sum(len(group) for group in groups) :])
+    return SpringGrading(tuple(tuple(group) for group in groups), soft, tuple(_ratio_warnings(parts, softest)))
+
+
+def _acts(spring: JointSpring, part: SpringDirection) -> bool:
+    """Whether a spring is stretched by any motion at all; one across a single rigid body is not."""
+    return bool(np.any(part.direction @ spring.rows))
+
+
+def _ratio_warnings(parts: Sequence[SpringDirection], softest: SpringDirection) -> list[str]:
+    warnings = []
+    for part in parts:
+        ratio = abs(part.level / softest.level)
+        if ratio <= STIFF_RATIO:
+            break
+        text = (
+            f"joint {part.joint}, {part.dof}: {part.stiffness:.3g} is {ratio:.2g} times as stiff as "
+            f"joint {softest.joint}, {softest.dof} ({softest.stiffness:.3g})"
+        )
+        remedy = "check the units of both" if ratio > ABSURD_RATIO else "it acts as rigid; hold the dof instead if that is meant"
+        warnings.append(f"{text}; {remedy}")
+    return warnings

@@ -1,0 +1,160 @@
+"""Relative motion across joints, and the springs it stretches."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rotate_dofs
+from headstock.geometry.joints import Joint, JointEnd
+from headstock.geometry.machines import Machine
+from headstock.reduction.constraint_elimination import Elimination
+from headstock.reduction.dof_layout import DofLayout, locate_interface, motion_rows
+from headstock.solvers.errors import ModelError
+
+ROUNDOFF = 4.0 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpring:
+    """A joint as placed in a pose.
+
+    Attributes:
+        name: Joint name.
+        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint point.
+        stiffness: ``(6, 6)`` in joint axes.
+        damping: ``(6, 6)`` in joint axes.
+        held: Joint dofs without relative motion.
+        frame: Joint point and joint axes in the machine frame.
+    """
+
+    name: str
+    rows: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    held: tuple[int, ...]
+    frame: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class SpringDirection:
+    """One principal direction of a joint's stiffness.
+
+    Attributes:
+        joint: Joint name.
+        dof: The joint dof it acts on most.
+        direction: ``(6,)`` combination of the joint's rows.
+        stiffness: [N/m or N m/rad] along it.
+        level: The same as a translational stiffness [N/m]: rotational ones over the characteristic length squared.
+    """
+
+    joint: str
+    dof: str
+    direction: FloatArray
+    stiffness: float
+    level: float
+
+
+def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSpring:
+    """Joint point, joint axes and relative-motion rows of a joint in a pose.
+
+    Raises:
+        ModelError: Both ends are ground, or a matrix is not 6x6 and finite.
+    """
+    for matrix, what in ((joint.stiffness, "stiffness"), (joint.damping, "damping")):
+        if np.shape(matrix) != (6, 6) or not np.isfinite(matrix).all():
+            raise ModelError(f"joint {joint.name!r}: its {what} must be a 6x6 matrix of finite numbers")
+    frame = _joint_frame(joint, machine, layout)
+    first, second = (motion_rows(layout, end, frame.origin) for end in joint.ends)
+    rows = rotate_dofs(frame.rotation).T @ (second - first)
+    return JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+
+
+def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirection, ...]:
+    """Independent springs that together make up a joint's stiffness; directions without stiffness are left out.
+
+    Args:
+        spring: Its stiffness must be symmetric.
+        length: Characteristic length that makes rotations comparable to translations [m].
+    """
+    scale = np.repeat([1.0, 1.0 / length], 3)
+    scaled = spring.stiffness * scale * scale[:, None]
+    if np.count_nonzero(scaled - np.diag(scaled.diagonal())) == 0:
+        levels, vectors = scaled.diagonal(), np.eye(6)
+    else:
+        levels, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        levels = np.where(np.abs(levels) > 16.0 * np.finfo(float).eps * np.abs(levels).max(), levels, 0.0)
+    result = []
+    for level, vector in zip(levels, vectors.T, strict=True):
+        if level != 0.0:
+            main = int(np.argmax(np.abs(vector)))
+            # delta^T k delta = sum level (vector . delta / scale)^2
+            direction = vector * (scale[main] / scale)
+            result.append(SpringDirection(spring.name, DOF_NAMES[main], direction, level / scale[main] ** 2, level))
+    return tuple(result)
+
+
+def reduce_spring(spring: JointSpring, elimination: Elimination) -> JointSpring:
+    """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly zero."""
+    rows = spring.rows @ elimination.basis
+    rows[np.abs(rows) <= ROUNDOFF * (np.abs(spring.rows) @ np.abs(elimination.basis))] = 0.0
+    rows[list(spring.held)] = 0.0
+    return dataclasses.replace(spring, rows=rows)
+
+
+def place_joints(machine: Machine, layout: DofLayout) -> tuple[JointSpring, ...]:
+    """Every joint of a machine in a pose."""
+    return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
+
+
+def connected_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
+    """Groups of components that hang together by joints but not with ground.
+
+    Args:
+        machine: Its joints that hold or spring at least one dof connect.
+        held: Whether each component is itself supported.
+    """
+    parent = {name: name for name in ("", *machine.components)}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            name = parent[name]
+        return name
+
+    links = [(name, "") for name, is_held in held.items() if is_held]
+    links += [
+        (joint.ends[0].component or "", joint.ends[1].component or "") for joint in machine.joints.values() if _connects(joint)
+    ]
+    for first, second in links:
+        parent[root(first)] = root(second)
+    groups: dict[str, list[str]] = {}
+    for name in machine.components:
+        if root(name) != root(""):
+            groups.setdefault(root(name), []).append(name)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _connects(joint: Joint) -> bool:
+    return bool(joint.held) or bool(np.any(joint.stiffness))
+
+
+def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
+    """The joint frame, carried along by the component of its first end that is not ground."""
+    end = _leading_end(joint)
+    component = str(end.component)
+    if component not in layout.placements or component not in machine.components:
+        raise ModelError(f"joint {joint.name!r}: there is no component {component!r}; components: {sorted(machine.components)}")
+    home, now = machine.components[component].placement, layout.placements[component]
+    motion = now.rotation @ home.rotation.T
+    if np.array_equal(now.rotation, home.rotation):
+        motion = np.eye(3)
+    point = locate_interface(layout, end) if joint.point is None else now.origin + motion @ (joint.point - home.origin)
+    return Frame(point, motion @ joint.rotation)
+
+
+def _leading_end(joint: Joint) -> JointEnd:
+    for end in joint.ends:
+        if end.component is not None:
+            return end
+    raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")

@@ -1,0 +1,61 @@
+"""Rigid motions that nothing holds meet no stiffness: what rounding makes of that zero is checked and taken out."""
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.reduction.boundary_basis import rigid_motion_rows
+from headstock.reduction.superelement import Superelement
+from headstock.solvers.errors import AccuracyError
+from headstock.solvers.factorization import BoolArray
+
+RIGID_FORCE_LIMIT = 1e-9
+HELD_LIMIT = 1e-9
+
+
+def without_rigid_stiffness(element: Superelement, points: FloatArray, supported: BoolArray, *, scale: float) -> FloatArray:
+    """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null space.
+
+    A rounding error of 1e-16 of the largest nodal stiffness would otherwise look like a very soft spring, which hides
+    mechanisms; with a single boundary node nothing but rounding is left.
+
+    Args:
+        element: Superelement as projected.
+        points: ``(n_points, 3)`` mesh points [m].
+        supported: ``(3 n_points,)`` mesh dofs that supports fix.
+        scale: Largest entry of the stiffness it was reduced from [N/m].
+
+    Raises:
+        AccuracyError: What is to be taken out is more than rounding.
+
+    Source: Farhat and Geradin (1998), projection onto the self-equilibrated loads.
+    """
+    boundary = element.boundary_size
+    length = float(np.linalg.norm(np.ptp(points, axis=0)))
+    free = _free_combinations(points, supported, length)
+    if not boundary or not free.shape[1]:
+        return element.stiffness
+    units = np.tile(np.repeat([1.0, 1.0 / length], 3), len(element.frames))
+    rows = rigid_motion_rows(element.frames, points.mean(axis=0)) @ free
+    motions, _ = np.linalg.qr(rows / units[:, None])
+    scaled = units[:, None] * element.stiffness[:boundary, :boundary] * units
+    force = float(np.abs(scaled @ motions).max())
+    if not force <= RIGID_FORCE_LIMIT * scale:
+        raise AccuracyError(
+            f"component {element.name}: a rigid motion of its interfaces causes {force:.3g} N/m, {force / scale:.2g} of its largest "
+            f"nodal stiffness (allowed {RIGID_FORCE_LIMIT:g}); look for slivers"
+        )
+    elastic = np.eye(boundary) - motions @ motions.T
+    # projecting leaves rounding of rounding where nothing is to be left at all
+    projected = elastic @ scaled @ elastic / units / units[:, None] if motions.shape[1] < boundary else np.zeros_like(scaled)
+    result = element.stiffness.copy()
+    result[:boundary, :boundary] = 0.5 * (projected + projected.T)
+    return result
+
+
+def _free_combinations(points: FloatArray, supported: BoolArray, length: float) -> FloatArray:
+    """Combinations ``(6, k)`` of the rigid motions about the mean point that move no supported dof."""
+    rows = rigid_map(points, points.mean(axis=0))[supported] * np.repeat([1.0, 1.0 / length], 3)
+    if not len(rows):
+        return np.eye(6)
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    return np.asarray(np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= HELD_LIMIT * len(rows)])

@@ -1,0 +1,98 @@
+"""The superelement: what every fidelity of a component is turned into."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Where an interface sits on a superelement.
+
+    Attributes:
+        node: Index of the 6-dof boundary node that carries the interface rigidly.
+        frame: Frame of the interface in the component frame.
+    """
+
+    node: int
+    frame: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLoad:
+    """A load on a superelement.
+
+    Attributes:
+        vector: ``(n,)`` reduced load [N, N m; modal].
+        particular: ``(3 n_points,)`` displacement under the load with boundary and modal dofs held [m]: what the reduced dofs
+            cannot show; None when nothing is to be recovered.
+    """
+
+    vector: FloatArray
+    particular: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Superelement:
+    """A component reduced to boundary and modal dofs, in its own frame, SI.
+
+    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | modal dofs].
+
+    Attributes:
+        name: Component name.
+        labels: ``(node or "mode", dof name or mode number)`` for each dof; boundary nodes first.
+        frames: Frame of each boundary node in the component frame (origin where its 6 dofs live, axes parallel to the component).
+        attachments: Interface name to boundary node and interface frame. Elastic components have one node per distinct
+            interface; rigid ones a single node at the centre of mass that carries every interface.
+        stiffness: ``(n, n)`` symmetric.
+        mass: ``(n, n)`` symmetric.
+        damping: ``(n, n)`` viscous or None.
+        recovery: ``(3 n_points, n)`` displacement of every mesh point per unit dof, or None.
+        recovery_points: ``(n_points, 3)`` in the component frame, or None.
+        constraints: ``(m, n)`` rows that must vanish, where interfaces share nodes; usually ``(0, n)``.
+        modal_frequencies_hz: ``(n_modes,)`` fixed-interface frequencies of the modal dofs.
+        cutoff_hz: Fixed-interface modes are complete up to here; inf for rigid bodies, 0 with none kept.
+        full_dofs: Degrees of freedom of the model it was reduced from.
+        mass_kg: Mass [kg].
+        center_of_mass: ``(3,)`` [m].
+        inertia: ``(3, 3)`` about the centre of mass, component axes [kg m^2].
+        loads: By load name.
+        residual: Largest relative residual of the solves behind it.
+        warnings: What the reduction has to say to the user.
+        free_dofs: Boundary dofs that no mass and no stiffness reaches (named to the user), e.g. a rotation of a line patch.
+        supported: Some of its points are fixed to the machine frame, so it has no rigid-body motions.
+    """
+
+    name: str
+    labels: tuple[tuple[str, str], ...]
+    frames: tuple[Frame, ...]
+    attachments: dict[str, Attachment]
+    stiffness: FloatArray
+    mass: FloatArray
+    damping: FloatArray | None
+    recovery: FloatArray | None
+    recovery_points: FloatArray | None
+    constraints: FloatArray
+    modal_frequencies_hz: FloatArray
+    cutoff_hz: float
+    full_dofs: int
+    mass_kg: float
+    center_of_mass: FloatArray
+    inertia: FloatArray
+    residual: float = 0.0
+    loads: dict[str, StaticLoad] = field(default_factory=dict)
+    free_dofs: tuple[str, ...] = ()
+    supported: bool = False
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def boundary_size(self) -> int:
+        """Number of boundary dofs, 6 per boundary node."""
+        return 6 * len(self.frames)
+
+    @property
+    def modal_count(self) -> int:
+        """Number of modal dofs."""
+        return int(np.shape(self.stiffness)[0]) - self.boundary_size

@@ -1,0 +1,116 @@
+"""What every superelement must fulfil before it may be coupled."""
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.reduction.superelement import Superelement
+from headstock.solvers.errors import AccuracyError
+
+SYMMETRY_LIMIT = 1e-12
+RIGID_STIFFNESS_LIMIT = 1e-9
+MASS_LIMIT = 1e-9
+DEFINITENESS_LIMIT = 1e-9
+
+
+def check_superelement(superelement: Superelement) -> None:
+    """Check symmetry, definiteness, rigid-body motions and mass properties of a superelement.
+
+    A supported component has no rigid-body motions, and a superelement whose mass was not assembled (all zero) no mass
+    properties; those checks fall away for it.
+
+    Raises:
+        AccuracyError: Names the property that is off, by how much and the limit.
+    """
+    _check_finite(superelement)
+    scale = dof_scale(superelement)
+    stiffness = superelement.stiffness * scale * scale[:, None]
+    mass = superelement.mass * scale * scale[:, None]
+    for matrix, what in ((stiffness, "stiffness"), (mass, "mass")):
+        _check_symmetric_semidefinite(superelement.name, matrix, what)
+    if not superelement.supported:
+        _check_rigid_stiffness(superelement, stiffness, scale)
+        _check_mass_properties(superelement)
+
+
+def characteristic_length(superelement: Superelement) -> float:
+    """Length that makes rotations comparable to translations [m]: radius of gyration, or extent of the boundary nodes."""
+    if superelement.mass_kg > 0.0 and np.trace(superelement.inertia) > 0.0:
+        return float(np.sqrt(0.5 * np.trace(superelement.inertia) / superelement.mass_kg))
+    origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)
+    extent = float(np.linalg.norm(np.ptp(origins, axis=0))) if len(origins) else 0.0
+    return extent if extent > 0.0 else 1.0
+
+
+def dof_scale(superelement: Superelement) -> FloatArray:
+    """Factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal dofs 1/sqrt(mass)."""
+    scale = np.ones(len(superelement.labels))
+    length = characteristic_length(superelement)
+    boundary = scale[: superelement.boundary_size].reshape(-1, 6)
+    boundary[:, 3:] = 1.0 / length
+    # a mass-normalised modal dof has the unit m sqrt(kg)
+    scale[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+    return scale
+
+
+def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
+    """Dofs ``(n, 6)`` of the six rigid motions about a point of the component frame; modal dofs rest."""
+    motions = np.zeros((len(superelement.labels), 6))
+    for node, frame in enumerate(superelement.frames):
+        motions[6 * node : 6 * node + 6] = rigid_transfer(origin, frame.origin)
+    return motions
+
+
+def _check_finite(superelement: Superelement) -> None:
+    arrays = {"stiffness": superelement.stiffness, "mass": superelement.mass, "constraints": superelement.constraints}
+    if superelement.damping is not None:
+        arrays["damping"] = superelement.damping
+    for what, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise AccuracyError(f"component {superelement.name!r}: its {what} holds values that are not finite")
+
+
+def _check_symmetric_semidefinite(name: str, matrix: FloatArray, what: str) -> None:
+    largest = float(np.abs(matrix).max(initial=0.0))
+    if largest == 0.0:
+        return
+    asymmetry = float(np.abs(matrix - matrix.T).max()) / largest
+    if not asymmetry <= SYMMETRY_LIMIT:
+        raise AccuracyError(f"component {name!r}: its {what} is unsymmetric by {asymmetry:.2g}, limit {SYMMETRY_LIMIT:g}")
+    lowest = float(np.linalg.eigvalsh(matrix / largest)[0])
+    if not lowest >= -DEFINITENESS_LIMIT:
+        raise AccuracyError(
+            f"component {name!r}: its {what} has a negative direction, {lowest:.2g} of its largest entry, "
+            f"limit {-DEFINITENESS_LIMIT:g}; look for inverted elements"
+        )
+
+
+def _check_rigid_stiffness(superelement: Superelement, stiffness: FloatArray, scale: FloatArray) -> None:
+    motions = rigid_motions(superelement, superelement.center_of_mass) / scale[:, None]
+    boundary = superelement.boundary_size
+    norm = float(np.linalg.norm(stiffness[:, :boundary])) * float(np.linalg.norm(motions))
+    residual = float(np.linalg.norm(stiffness @ motions))
+    if norm > 0.0 and not residual <= RIGID_STIFFNESS_LIMIT * norm:
+        raise AccuracyError(
+            f"component {superelement.name!r}: a rigid motion meets {residual / norm:.2g} of its stiffness, "
+            f"limit {RIGID_STIFFNESS_LIMIT:g}; tighten the solver's tolerance, or mark the component as supported"
+        )
+
+
+def _check_mass_properties(superelement: Superelement) -> None:
+    if not superelement.mass.any():
+        return
+    motions = rigid_motions(superelement, superelement.center_of_mass)
+    found = motions.T @ superelement.mass @ motions
+    wanted = np.zeros((6, 6))
+    wanted[:3, :3] = superelement.mass_kg * np.eye(3)
+    wanted[3:, 3:] = superelement.inertia
+    length = characteristic_length(superelement)
+    scale = np.repeat([1.0, 1.0 / length], 3)
+    error = np.abs((found - wanted) * scale * scale[:, None]) / max(superelement.mass_kg, np.finfo(float).tiny)
+    parts = {"mass": error[:3, :3].max(), "centre of mass": error[:3, 3:].max(), "inertia": error[3:, 3:].max()}
+    for what, value in parts.items():
+        if not value <= MASS_LIMIT:
+            raise AccuracyError(
+                f"component {superelement.name!r}: its {what} is off by {value:.2g} (relative), limit {MASS_LIMIT:g}; "
+                "the mesh or the reduction has lost mass"
+            )

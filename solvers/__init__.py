@@ -1,0 +1,1 @@
+"""Elasticity operators, factorisations, eigenproblems and the analyses of any second-order system (the only users of dolfinx, PETSc and SLEPc)."""

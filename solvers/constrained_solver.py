@@ -1,0 +1,174 @@
+"""Static solves of a component with held dofs, weighted-mean constraints and rigid motions, from one factorisation."""
+
+from types import TracebackType
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.solvers.elasticity import ElasticOperators
+from headstock.solvers.errors import ConvergenceError, ModelError
+from headstock.solvers.factorization import BoolArray, Factorization
+from headstock.solvers.rank_sums import max_over_ranks, sum_over_ranks
+
+RIGID_TOLERANCE = 1e-9
+SOLVE_TOLERANCE = 1e-8
+REFINEMENT_STEPS = 2
+
+
+class ConstrainedSolver:
+    """Solves ``K u = F + C mu`` with ``C^T u = q`` and held dofs at zero.
+
+    A component that its held dofs leave free to move rigidly is pinned at as many dofs as it has free motions; pins, motions and
+    mean constraints meet in one small dense saddle-point matrix, so that no penalty and no second factorisation is needed and
+    the pins carry no force.
+
+    Args:
+        operators: Stiffness of the component.
+        held: ``(3 n_owned,)`` dofs that do not move.
+        constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not held.
+
+    Raises:
+        ModelError: The constraints leave a rigid motion free.
+        ConvergenceError: The factorisation failed.
+
+    Source: Farhat and Geradin (1998) for the pinned pseudo-inverse; Benzi, Golub and Liesen (2005), sec. 5, for the Schur complement.
+    """
+
+    def __init__(self, operators: ElasticOperators, held: BoolArray, constraints: FloatArray) -> None:
+        self.operators = operators
+        self.comm = operators.comm
+        self.held = held
+        self.constraints = np.where(held[:, None], 0.0, constraints)
+        self.motions = _free_motions(operators, held)
+        pinned = _choose_pins(self.motions, operators)
+        self._factorization = Factorization(operators, held | pinned)
+        self.free_total = int(self.comm.allreduce(int((~held).sum())))
+        self._lifted = self._factorization.solve(self.constraints)
+        count, rigid = self.constraints.shape[1], self.motions.shape[1]
+        self._saddle = np.zeros((count + rigid, count + rigid))
+        self._saddle[:count, :count] = self.product(self.constraints, self._lifted)
+        coupling = self.product(self.constraints, self.motions)
+        self._saddle[:count, count:], self._saddle[count:, :count] = coupling, coupling.T
+        self._scale, self._factors = _factor_saddle(self._saddle, count, rigid)
+        self.largest_residual = 0.0
+
+    def product(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """``left^T right`` summed over the ranks."""
+        return sum_over_ranks(self.comm, left.T @ right)
+
+    def apply(self, loads: FloatArray) -> FloatArray:
+        """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use inside an eigensolver."""
+        return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))
+
+    def solve(self, loads: FloatArray, targets: FloatArray | None = None) -> FloatArray:
+        """Displacements under loads with ``C^T u = targets``, refined until the residual is small.
+
+        Args:
+            loads: ``(3 n_owned, k)`` [N].
+            targets: ``(n_c, k)``; zero when left out.
+
+        Raises:
+            ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces inside the component.
+        """
+        if targets is None:
+            targets = np.zeros((self.constraints.shape[1], loads.shape[1]))
+        result = self._solve(loads, targets)
+        for step in range(REFINEMENT_STEPS + 1):
+            residual, size = self._residual(result, loads)
+            missing = targets - self.product(self.constraints, result)
+            if size <= SOLVE_TOLERANCE and (step > 0 or size <= 0.01 * SOLVE_TOLERANCE):
+                self.largest_residual = max(self.largest_residual, size)
+                return result
+            if step < REFINEMENT_STEPS:
+                result = result + self._solve(residual, missing)
+        raise ConvergenceError(
+            f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}) after {REFINEMENT_STEPS} refinements: "
+            "the stiffness is too badly conditioned; look for slivers, or supports and interfaces that barely hold the component"
+        )
+
+    def close(self) -> None:
+        """Release the factorisation."""
+        self._factorization.close()
+
+    def __enter__(self) -> "ConstrainedSolver":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _solve(self, loads: FloatArray, targets: FloatArray) -> FloatArray:
+        plain = self._factorization.solve(loads)
+        if not self._saddle.size:
+            return plain
+        free_loads = np.where(self.held[:, None], 0.0, loads)
+        right = np.vstack([targets - self.product(self.constraints, plain), -self.product(self.motions, free_loads)])
+        small = self._scale[:, None] * scipy.linalg.lu_solve(self._factors, self._scale[:, None] * right)
+        count = self.constraints.shape[1]
+        return np.asarray(plain + self._lifted @ small[:count] + self.motions @ small[count:])
+
+    def _residual(self, result: FloatArray, loads: FloatArray) -> tuple[FloatArray, float]:
+        forces = self.operators.apply_stiffness(result)
+        residual = np.where(self.held[:, None], 0.0, loads - forces)
+        if self.constraints.shape[1]:
+            # what the mean constraints carry is no residual: take out its component along C
+            gram = self.product(self.constraints, self.constraints)
+            multipliers = np.linalg.solve(gram, self.product(self.constraints, residual))
+            residual = residual - self.constraints @ multipliers
+        largest = self.operators.stiffness_scale
+        reach = max_over_ranks(self.comm, np.abs(result).max(axis=0, initial=0.0))
+        size = max_over_ranks(self.comm, np.abs(residual).max(axis=0, initial=0.0))
+        return residual, float(np.max(size / np.maximum(largest * reach, np.finfo(float).tiny), initial=0.0))
+
+
+def rigid_motions(operators: ElasticOperators) -> FloatArray:
+    """The six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the component's size to unit length."""
+    comm = operators.comm
+    points = operators.points
+    center = sum_over_ranks(comm, points.sum(axis=0)) / max(operators.total_nodes, 1)
+    arms = comm.allreduce(float(((points - center) ** 2).sum()))
+    radius = np.sqrt(arms / max(operators.total_nodes, 1)) or 1.0
+    motions = rigid_map(points, center) if len(points) else np.zeros((0, 6))
+    motions[:, 3:] /= radius
+    return motions
+
+
+def _free_motions(operators: ElasticOperators, held: BoolArray) -> FloatArray:
+    motions = rigid_motions(operators)
+    blocked = sum_over_ranks(operators.comm, motions[held].T @ motions[held])
+    values, vectors = np.linalg.eigh(blocked)
+    free = values <= RIGID_TOLERANCE * max(float(operators.comm.allreduce(int(held.sum()))), 1.0)
+    return np.where(held[:, None], 0.0, motions @ vectors[:, free])
+
+
+def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
+    """As many dofs as there are free motions, chosen one after the other where the motions left over are largest."""
+    comm = operators.comm
+    pins = np.zeros(len(motions), dtype=bool)
+    rest = motions.copy()
+    for _ in range(motions.shape[1]):
+        sizes = np.einsum("ij,ij->i", rest, rest)
+        best = int(np.argmax(sizes)) if len(sizes) else -1
+        value, owner = comm.allreduce((float(sizes[best]) if best >= 0 else -1.0, -comm.rank), op=MPI.MAX)
+        row = comm.bcast(rest[best] if comm.rank == -owner else None, root=-owner)
+        if comm.rank == -owner:
+            pins[best] = True
+        rest = rest - np.outer(rest @ row, row) / value
+    return pins
+
+
+def _factor_saddle(saddle: FloatArray, count: int, rigid: int) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    if not saddle.size:
+        return np.zeros(0), (saddle, np.zeros(0))
+    if rigid:
+        coupling = saddle[:count, count:]
+        norms = np.linalg.norm(coupling, axis=1, keepdims=True)
+        singular = np.linalg.svd(coupling / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
+        held = int((singular > RIGID_TOLERANCE).sum())
+        if held < rigid:
+            raise ModelError(f"{rigid - held} rigid motions of the component are held by no interface and no support")
+    diagonal = np.abs(np.diag(saddle)).copy()
+    typical = np.sqrt(diagonal[:count].max(initial=0.0)) or 1.0
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), typical)
+    return scale, scipy.linalg.lu_factor(scale[:, None] * saddle * scale[None, :])

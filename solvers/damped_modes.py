@@ -1,0 +1,123 @@
+"""Complex modes of a viscously damped second-order system, overdamped ones included."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.second_order import SecondOrderSystem
+
+REAL_POLE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class DampedModes:
+    """Poles of ``M q'' + C q' + K q = 0``, rising in size; conjugate pairs stand once, with the pole above the real axis.
+
+    Attributes:
+        poles: ``(m,)`` complex [rad/s]; real poles of overdamped motions stand each on its own.
+        frequencies_hz: ``(m,)`` frequency of the oscillation ``Im/(2 pi)``; zero for real poles.
+        damping_ratios: ``(m,)`` ``-Re/|pole|``; one for real poles, negative for unstable ones, zero for a pole at rest.
+        shapes: ``(n, m)`` complex, unit length in the mass norm.
+        shares: ``(m, n_undamped)`` squared size of each undamped mode in a shape; rows sum to 1.
+    """
+
+    poles: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+    frequencies_hz: FloatArray
+    damping_ratios: FloatArray
+    shapes: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+    shares: FloatArray
+
+
+def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None) -> DampedModes:
+    """All complex modes of a damped system, by its state matrix in the coordinates of all undamped modes.
+
+    In these coordinates stiffness and mass are diagonal, so that springs which differ by many decades cost no digits.
+
+    Args:
+        system: Symmetric mass and stiffness, positive definite mass; the damping need not be proportional.
+        undamped: All undamped modes, where they are already known.
+
+    Raises:
+        ModelError: Dofs without mass, which have no place in a state matrix.
+        ConvergenceError: LAPACK did not converge.
+
+    Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), sec. 3.3.
+    """
+    modes = undamped or solve_modal(system)
+    count = len(system.mass)
+    if modes.infinite_count or modes.shapes.shape[1] != count:
+        raise ModelError(
+            f"{count - modes.shapes.shape[1]} dofs have no mass or were left out, so damped modes cannot be computed; give every body a mass"
+        )
+    squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
+    squares[: modes.rigid_count] = 0.0
+    damping = np.zeros((count, count)) if system.damping is None else modes.shapes.T @ system.damping @ modes.shapes
+    state = np.block([[np.zeros((count, count)), np.eye(count)], [-np.diag(squares), -damping]])
+    # balance displacement against velocity: both then have the size of the highest frequency
+    scale = max(float(np.sqrt(squares.max(initial=0.0))), float(np.abs(damping).max(initial=0.0)), 1.0)
+    state[:count, count:] *= scale
+    state[count:, :count] /= scale
+    poles, vectors = scipy.linalg.eig(state, check_finite=False)
+    return _sort_poles(poles, vectors[:count], modes)
+
+
+def pair_with_undamped(damped: DampedModes, count: int) -> tuple[tuple[int | None, ...], ...]:
+    """For each of the first undamped modes the index of the damped mode that is mostly it, and of a second, real one, if any."""
+    pairs: list[tuple[int | None, ...]] = []
+    for mode in range(count):
+        share = damped.shares[:, mode]
+        order = np.argsort(-share, kind="stable")
+        best = int(order[0])
+        if damped.frequencies_hz[best] > 0.0:
+            pairs.append((best, None))
+            continue
+        second = next((int(i) for i in order[1:] if damped.frequencies_hz[i] == 0.0 and share[i] > 0.5), None)
+        pairs.append((best, second))
+    return tuple(pairs)
+
+
+def damping_of_undamped(damped: DampedModes, count: int) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """Damping ratio and frequency of oscillation [Hz] of each of the first undamped modes.
+
+    An overdamped mode has a ratio above one, from its two real poles; None where the poles do not show one.
+    """
+    ratios: list[float | None] = []
+    frequencies: list[float | None] = []
+    for first, second in pair_with_undamped(damped, count):
+        if first is not None and damped.frequencies_hz[first] > 0.0:
+            ratios.append(float(damped.damping_ratios[first]))
+            frequencies.append(float(damped.frequencies_hz[first]))
+        elif first is not None and second is not None and damped.poles[first].real * damped.poles[second].real > 0.0:
+            product, total = (
+                damped.poles[first].real * damped.poles[second].real,
+                damped.poles[first].real + damped.poles[second].real,
+            )
+            ratios.append(float(-0.5 * total / np.sqrt(product)))
+            frequencies.append(0.0)
+        else:
+            ratios.append(None)
+            frequencies.append(None)
+    return tuple(ratios), tuple(frequencies)
+
+
+def _sort_poles(poles: np.ndarray, shapes: np.ndarray, modes: ModalResult) -> DampedModes:  # type: ignore[type-arg]
+    real = np.abs(poles.imag) <= REAL_POLE * np.abs(poles)
+    keep = np.flatnonzero(real | (poles.imag > 0.0))
+    keep = keep[np.argsort(np.abs(poles[keep]), kind="stable")]
+    poles, shapes, real = poles[keep], shapes[:, keep], real[keep]
+    poles = np.where(real, poles.real + 0.0j, poles)
+    sizes = np.linalg.norm(shapes, axis=0)
+    shapes = shapes / np.where(sizes > 0.0, sizes, 1.0)
+    magnitude = np.abs(poles)
+    ratios = np.where(magnitude > 0.0, -poles.real / np.where(magnitude > 0.0, magnitude, 1.0), 0.0)
+    return DampedModes(
+        poles=poles,
+        frequencies_hz=np.where(real, 0.0, poles.imag / (2.0 * np.pi)),
+        damping_ratios=ratios,
+        shapes=modes.shapes @ shapes,
+        shares=(np.abs(shapes) ** 2).T,
+    )

@@ -1,0 +1,213 @@
+"""Stiffness and mass of a meshed component: linear elasticity with dolfinx, distributed over a communicator."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import fem, la
+from dolfinx.io import gmshio
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.materials import Material
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.solvers.errors import AccuracyError
+from headstock.solvers.form_cache import compile_form
+
+CELL_TYPES = {
+    "tet4": ("tetrahedron", 1),
+    "tet10": ("tetrahedron", 2),
+    "hex8": ("hexahedron", 1),
+    "hex27": ("hexahedron", 2),
+}
+CORNERS = {"tetrahedron": 4, "hexahedron": 8}
+SYMMETRY_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticOperators:
+    """Stiffness and mass of one component, rows distributed over the ranks of a communicator.
+
+    Each rank owns whole nodes. ``(3 n_owned, k)`` blocks of vectors are ordered node by node, x y z.
+
+    Attributes:
+        comm: Communicator the rows are distributed over.
+        nodes: ``(n_owned,)`` mesh point behind each owned node.
+        points: ``(n_owned, 3)`` their coordinates [m].
+        stiffness: ``(3 n_owned, 3 n_local)`` in 3 x 3 blocks [N/m]; columns of owned nodes first, then ghosts.
+        scalar_mass: ``(n_owned, n_local)`` mass per direction [kg], or None when nothing dynamic is asked for.
+        column_map: Which node stands behind each column of the matrices, owned ones first (a dolfinx index map).
+        total_nodes: Number of mesh points over all ranks.
+        element_order: Order of the displacement field.
+        stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
+    """
+
+    comm: MPI.Comm
+    nodes: IntArray
+    points: FloatArray
+    stiffness: scipy.sparse.bsr_matrix
+    scalar_mass: scipy.sparse.csr_matrix | None
+    column_map: Any
+    total_nodes: int
+    element_order: int
+    stiffness_scale: float = 0.0
+
+    @property
+    def owned_dofs(self) -> int:
+        """Number of displacement dofs this rank owns."""
+        return 3 * len(self.nodes)
+
+    def apply_stiffness(self, vectors: FloatArray) -> FloatArray:
+        """``K x`` for a block of owned vectors ``(3 n_owned, k)``."""
+        if vectors.shape[1] == 0:
+            return np.zeros(vectors.shape)
+        return np.asarray(self.stiffness @ self._with_ghosts(vectors))
+
+    def apply_mass(self, vectors: FloatArray) -> FloatArray:
+        """``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x, y and z."""
+        if self.scalar_mass is None:
+            raise AccuracyError("the mass matrix was not assembled, yet a dynamic quantity was asked for")
+        count = vectors.shape[1]
+        if count == 0:
+            return np.zeros(vectors.shape)
+        local = self._with_ghosts(vectors).reshape(-1, 3 * count)
+        return np.asarray(self.scalar_mass @ local).reshape(-1, count)
+
+    def _with_ghosts(self, vectors: FloatArray) -> FloatArray:
+        if self.comm.size == 1:
+            return np.ascontiguousarray(vectors)
+        count = vectors.shape[1]
+        buffer = la.vector(self.column_map, bs=3 * count)
+        buffer.array[: vectors.size] = vectors.ravel()
+        buffer.scatter_forward()
+        return np.array(buffer.array).reshape(-1, count)
+
+
+def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, with_mass: bool) -> ElasticOperators:
+    """Stiffness and, when asked for, mass of a component.
+
+    Args:
+        mesh: The same mesh on every rank.
+        material: Isotropic material.
+        comm: Communicator to distribute over; collective.
+        with_mass: Assemble the mass too.
+
+    Raises:
+        AccuracyError: The assembled operators fail their symmetry or mass check.
+
+    Source: Hughes, The Finite Element Method (1987), ch. 3; consistent mass.
+    """
+    shape, order = CELL_TYPES[mesh.kind]
+    domain, cell_nodes = _distribute_mesh(mesh, comm)
+    space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order, shape=(3,)))
+    scalar = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order))
+    if not np.array_equal(space.dofmap.list, scalar.dofmap.list):
+        raise AccuracyError("vector and scalar dofs are numbered differently; the scalar mass cannot serve the displacement")
+    node_map = space.dofmap.index_map
+    owned = node_map.size_local
+    nodes = np.full(owned + node_map.num_ghosts, -1, dtype=np.int64)
+    nodes[space.dofmap.list] = cell_nodes[domain.topology.original_cell_index]
+    stiffness, column_map = _assemble_stiffness(space, material, _stiffness_degree(mesh, order))
+    mass = _assemble_mass(scalar, material, _mass_degree(mesh, order)) if with_mass else None
+    operators = ElasticOperators(
+        comm=comm,
+        nodes=nodes[:owned],
+        points=mesh.points[nodes[:owned]],
+        stiffness=stiffness,
+        scalar_mass=mass,
+        column_map=column_map,
+        total_nodes=node_map.size_global,
+        element_order=order,
+        stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
+    )
+    _check_operators(operators, mesh, material)
+    return operators
+
+
+def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[Any, IntArray]:
+    shape, order = CELL_TYPES[mesh.kind]
+    permutation = gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
+    cells = np.ascontiguousarray(mesh.cells[:, permutation])
+    # every rank hands in its share of the cells and points; dolfinx repartitions them
+    first, last = (len(cells) * np.array([comm.rank, comm.rank + 1])) // comm.size
+    if mesh.straight or order == 1:
+        corners, geometry_cells = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
+        points, geometry_cells = mesh.points[corners], geometry_cells.reshape(len(cells), -1)
+        geometry_order = 1
+    else:
+        points, geometry_cells, geometry_order = mesh.points, cells, order
+    low, high = (len(points) * np.array([comm.rank, comm.rank + 1])) // comm.size
+    element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
+    domain = dolfinx.mesh.create_mesh(comm, geometry_cells[first:last].astype(np.int64), points[low:high], element)
+    return domain, cells
+
+
+def _assemble_stiffness(space: Any, material: Material, degree: int) -> tuple[scipy.sparse.bsr_matrix, Any]:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    young, poisson = float(material.youngs_modulus), float(material.poisson_ratio)
+    shear = fem.Constant(space.mesh, young / (2.0 * (1.0 + poisson)))
+    lame = fem.Constant(space.mesh, young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)))
+    strain_u, strain_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    stress = 2.0 * shear * strain_u + lame * ufl.tr(strain_u) * ufl.Identity(3)
+    form = compile_form(ufl.inner(stress, strain_v) * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    matrix = fem.create_matrix(form, block_mode=la.BlockMode.compact)
+    fem.assemble_matrix(matrix, form)
+    matrix.scatter_reverse()
+    # the sparsity pattern may hold more ghosts than the space, so the columns have a map of their own
+    return _owned_rows(matrix, 3), matrix.index_map(1)
+
+
+def _assemble_mass(space: Any, material: Material, degree: int) -> scipy.sparse.csr_matrix:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    density = fem.Constant(space.mesh, float(material.density))
+    form = compile_form(density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    matrix = fem.create_matrix(form)
+    fem.assemble_matrix(matrix, form)
+    matrix.scatter_reverse()
+    return _owned_rows(matrix, 1)
+
+
+def _owned_rows(matrix: Any, block: int) -> Any:
+    rows = matrix.index_map(0).size_local
+    columns = matrix.index_map(1).size_local + matrix.index_map(1).num_ghosts
+    # copies: the arrays of a dolfinx matrix die with it
+    pointers = np.array(matrix.indptr[: rows + 1])
+    entries = pointers[-1]
+    indices = np.array(matrix.indices[:entries])
+    if block == 1:
+        return scipy.sparse.csr_matrix((matrix.data[:entries].copy(), indices, pointers), shape=(rows, columns))
+    data = matrix.data[: entries * block * block].reshape(-1, block, block).copy()
+    return scipy.sparse.bsr_matrix((data, indices, pointers), shape=(block * rows, block * columns))
+
+
+def _stiffness_degree(mesh: ComponentMesh, order: int) -> int:
+    # exact on affine tets; curved and hexahedral maps are rational and get the customary full rule
+    if mesh.kind.startswith("tet"):
+        return 2 * (order - 1) if mesh.straight or order == 1 else 4
+    return 2 * order + 1 if order == 1 else 5
+
+
+def _mass_degree(mesh: ComponentMesh, order: int) -> int:
+    if mesh.kind.startswith("tet"):
+        return 2 * order if mesh.straight or order == 1 else 7
+    return 2 * order + 1 if mesh.straight else 7
+
+
+def _check_operators(operators: ElasticOperators, mesh: ComponentMesh, material: Material) -> None:
+    comm = operators.comm
+    rigid = np.zeros((operators.owned_dofs, 3))
+    for axis in range(3):
+        rigid[axis::3, axis] = 1.0
+    scale = operators.stiffness_scale
+    image = comm.allreduce(float(np.abs(operators.apply_stiffness(rigid)).max(initial=0.0)), op=MPI.MAX)
+    if not np.isfinite(image) or image > 1e-9 * scale:
+        raise AccuracyError(f"a rigid translation causes forces: {image:.3g} N/m against a largest stiffness of {scale:.3g} N/m")
+    if operators.scalar_mass is not None:
+        mass = comm.allreduce(float(operators.scalar_mass.sum()), op=MPI.SUM)
+        expected = material.density * mesh.quality.volume
+        if not abs(mass - expected) < 1e-8 * expected:
+            raise AccuracyError(f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg")

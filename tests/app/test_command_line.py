@@ -1,0 +1,261 @@
+"""The command line answers quickly, tells what is wrong, and ends with the exit code it promises."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from headstock.app import guard
+from headstock.app.command_line import main
+from headstock.geometry.errors import HeadstockError
+
+RIGID_SCENE = """
+name = "A block on springs"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["100 mm", "100 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.block.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.mount]
+between = ["ground", "block.foot"]
+kind = "spring"
+stiffness = { x = "10 N/um", y = "10 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[points]
+tcp = { tool = "block.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 6
+"""
+HEAVY = ("dolfinx", "petsc4py", "slepc4py", "gmsh", "meshio", "pyvista", "matplotlib")
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path = tmp_path / "block.toml"
+    path.write_text(RIGID_SCENE)
+    return path
+
+
+def run_program(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-P", "-m", "headstock.app.command_line", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **variables})
+
+
+def test_help_is_there_within_a_second_and_lists_only_what_works() -> None:
+    start = time.perf_counter()
+    result = run_program("--help")
+    assert time.perf_counter() - start < 1.0
+    assert result.returncode == 0
+    for command in ("check", "plan", "run", "validate", "report", "doctor", "schema", "test"):
+        assert f"\n  {command} " in result.stdout
+    for command in ("study", "sweep", "compare", "identify", "effects"):
+        assert f"\n  {command} " not in result.stdout
+
+
+def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_components(scene_file: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys; from headstock.app.command_line import main\n"
+        f"assert main(['check', {str(scene_file)!r}]) == 0\n"
+        f"assert main(['plan', {str(scene_file)!r}]) == 0\n"
+        f"assert main(['run', {str(scene_file)!r}, '-o', {str(tmp_path / 'out')!r}]) == 0\n"
+        f"found = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "assert not found, found\n"
+    )
+    result = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+
+
+def test_run_writes_results_summary_and_report_and_prints_stages(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, copy = tmp_path / "out", tmp_path / "copy.json"
+    assert main(["run", str(scene_file), "-o", str(out), "--json", str(copy)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == [
+        "figures", "modes", "report.html", "results.h5", "summary.json", "tables",
+    ]  # fmt: skip
+    summary = json.loads((out / "summary.json").read_text())
+    assert json.loads(copy.read_text()) == summary
+    assert [row["stage"] for row in summary["stages"]] == ["rigid", "couple", "static", "modal", "write"]
+    assert summary["status"] == "done"
+    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(25.0, rel=1e-9)
+    assert len(summary["modal"][0]["frequencies_hz"]) == 6
+    printed = capsys.readouterr().out
+    assert all(f"  {stage} " in printed for stage in ("rigid", "couple", "static", "modal", "write"))
+    assert "µm/kN" in printed
+
+
+def test_the_printed_lines_fit_into_100_columns_without_a_terminal(scene_file: Path, tmp_path: Path) -> None:
+    result = run_program("run", str(scene_file), "-o", str(tmp_path / "out"))
+    assert result.returncode == 0, result.stderr
+    tables = [line for line in result.stdout.splitlines() if not line.startswith("done in")]
+    assert max(len(line.rstrip()) for line in tables) <= 100
+
+
+def test_the_second_run_of_an_unchanged_scene_takes_less_than_3_seconds_and_needs_no_heavy_library(
+    scene_file: Path, tmp_path: Path
+) -> None:
+    scene_file.write_text(RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out")]) == 0
+    code = (
+        "import sys; from headstock.app.command_line import main\n"
+        f"assert main(['run', {str(scene_file)!r}, '-o', {str(tmp_path / 'out')!r}]) == 0\n"
+        f"found = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "assert not found, found\n"
+    )
+    start = time.perf_counter()
+    result = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120)
+    assert time.perf_counter() - start < 3.0
+    assert result.returncode == 0, result.stderr
+    stages = json.loads((tmp_path / "out" / "summary.json").read_text())["stages"]
+    assert [row["cached"] for row in stages if row["stage"] in {"mesh", "reduce"}] == [True, True]
+
+
+def test_a_mechanism_ends_with_1_names_what_is_free_and_still_shows_its_modes(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene_file.write_text(RIGID_SCENE.replace('x = "10 N/um", ', ""))
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr().out
+    assert "failed: static analysis in pose reference: 1 rigid motion(s) are free" in printed.replace("\n", " ")
+    assert "X translation of block" in printed.replace("\n", " ")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert summary["modal"][0]["rigid_count"] == 1
+    assert len(summary["modal"][0]["frequencies_hz"]) == 6
+
+
+def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
+    planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
+    assert main(["plan", str(scene_file), "--json", str(planned)]) == 0
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--json", str(ran)]) == 0
+    keys = ("stage", "component", "pose", "reason")
+    rows = [
+        [{key: row[key] for key in keys} for row in content]
+        for content in (json.loads(planned.read_text()), json.loads(ran.read_text())["stages"])
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_an_analysis_can_be_chosen(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "modal"]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["static"] == {}
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "transient"]) == 2
+    assert "it has: static, modal" in capsys.readouterr().err
+
+
+def test_an_override_changes_the_result(scene_file: Path, tmp_path: Path) -> None:
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--set", 'joints.mount.stiffness.z="80 N/um"']) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(12.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("command", ["check", "plan", "run"])
+def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene_file.write_text(RIGID_SCENE.replace("nu = 0.3", "nu = 0.6").replace('material = "steel"', 'material = "steal"'))
+    before = sorted(tmp_path.rglob("*"))
+    assert main([command, str(scene_file)]) == 2
+    message = capsys.readouterr().err
+    assert f"{scene_file}:5" in message
+    assert "steal" in message
+    assert "Traceback" not in message
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_check_writes_the_problems_as_json(scene_file: Path, tmp_path: Path) -> None:
+    assert main(["check", str(scene_file), "--json", str(tmp_path / "good.json")]) == 0
+    assert json.loads((tmp_path / "good.json").read_text())["ok"] is True
+    scene_file.write_text(RIGID_SCENE.replace("nu = 0.3", "nu = 0.6"))
+    assert main(["check", str(scene_file), "--json", str(tmp_path / "bad.json")]) == 2
+    content = json.loads((tmp_path / "bad.json").read_text())
+    assert content["ok"] is False
+    assert content["problems"][0]["key"] == "materials.steel.nu"
+
+
+def test_an_unwritable_output_folder_ends_with_1_before_anything_is_computed(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "file" / "out")]) == 1
+    captured = capsys.readouterr()
+    assert "OutputError" in captured.err
+    assert "rigid" not in captured.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "{scene}", "--accuracy", "1%"], "not available in this version"),
+        (["run", "{scene}", "--ranks", "3"], "start through ./headstock"),
+        (["validate", "nonsense"], "nonsense"),
+        (["run", "{scene}", "--nonsense"], "No such option"),
+        (["test", "-k", "store"], "./headstock test"),
+    ],
+)
+def test_bad_options_end_with_2_and_say_why(
+    scene_file: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert main([argument.format(scene=scene_file) for argument in arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_named_errors_end_with_1_and_show_a_traceback_only_for_debugging(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> int:
+        raise HeadstockError("the residual is 1e-3; make the mesh finer")
+
+    assert guard.run_guarded(fail, debug=False) == 1
+    message = capsys.readouterr().err
+    assert "HeadstockError: the residual is 1e-3" in message
+    assert "Traceback" not in message
+    assert guard.run_guarded(fail, debug=True) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_fault_of_the_program_is_called_one(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> int:
+        raise KeyError("x")
+
+    assert guard.run_guarded(fail, debug=False) == 1
+    message = capsys.readouterr().err
+    assert "internal error: KeyError" in message
+    assert "Traceback" not in message
+
+
+def test_an_interrupt_ends_with_130() -> None:
+    def fail() -> int:
+        signal.raise_signal(signal.SIGINT)
+        return 0
+
+    assert guard.run_guarded(fail, debug=False) == 130
+
+
+def test_schema_is_a_json_schema_of_scenes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert {"materials", "components", "joints", "analyses"} <= schema["properties"].keys()
+
+
+def test_report_is_written_again_from_the_files_of_a_run(scene_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["run", str(scene_file), "-o", str(out)]) == 0
+    first = (out / "report.html").read_text()
+    (out / "report.html").unlink()
+    assert main(["report", str(out)]) == 0
+    assert (out / "report.html").read_text() == first
+    assert main(["report", str(tmp_path / "nothing")]) == 1

@@ -1,0 +1,480 @@
+"""The launcher, run under a plain shell with stand-ins for the tools that build and enter the private root."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+TOOLS = """
+    awk basename cat chmod cksum cp cut date df dirname env find flock grep head id kill ln ls mkdir mv nproc readlink rm sed
+    mkfifo setsid sh sha256sum sleep sort stat tail tar tr touch true uname
+""".split()  # noqa: SIM905
+
+# makes the tree that mmdebstrap would make: in the folder it is given, or as a tar stream for an ordinary user
+MMDEBSTRAP = """#!/bin/sh
+echo $$ >"{pid}"
+echo "$@" >>"{log}"
+sleep {seconds}
+while [ "$1" != trixie ]; do shift; done
+[ {code} = 0 ] || {{ echo "E: no such mirror" >&2; exit {code}; }}
+tree=$2
+[ "$tree" != - ] || tree=$(mktemp -d)
+mkdir -p "$tree/usr/bin" "$tree/etc" && touch "$tree/usr/bin/python3" && chmod +x "$tree/usr/bin/python3"
+[ "$2" != - ] || tar -c -C "$tree" .
+"""
+BWRAP = '#!/bin/sh\nprintf "%s\\n" "$@"\n'
+DF = '#!/bin/sh\nprintf "Filesystem 1024-blocks Used Available Capacity Mounted\\nx 1 1 {kb} 1%% /\\n"\n'
+
+
+class Host:
+    """A machine with just the tools put in its one folder of programs, and a copy of the launcher."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.bin = folder / "bin"
+        self.cache = folder / "cache"
+        self.log = folder / "mmdebstrap.log"
+        self.pid = folder / "mmdebstrap.pid"
+        self.bin.mkdir()
+        for tool in (*TOOLS, "mktemp"):
+            found = shutil.which(tool)
+            assert found, tool
+            (self.bin / tool).symlink_to(found)
+        self.write("df", DF.format(kb=9_000_000))
+        self.write("bwrap", BWRAP)
+        self.mmdebstrap()
+
+    def write(self, tool: str, text: str) -> None:
+        (self.bin / tool).unlink(missing_ok=True)
+        (self.bin / tool).write_text(text)
+        (self.bin / tool).chmod(0o755)
+
+    def mmdebstrap(self, *, seconds: float = 0.0, code: int = 0) -> None:
+        self.write("mmdebstrap", MMDEBSTRAP.format(log=self.log, pid=self.pid, seconds=seconds, code=code))
+
+    def ordinary_user(self, *, subordinates: bool = True, namespaces: bool = True) -> None:
+        """Run the launcher as somebody who is not root."""
+        self.write("id", '#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo 54321 ;; esac\n')
+        self.write("newuidmap", "#!/bin/sh\n")
+        self.write("getsubids", f"#!/bin/sh\nexit {0 if subordinates else 1}\n")
+        self.write("unshare", f"#!/bin/sh\nexit {0 if namespaces else 1}\n")
+
+    def environment(self, **more: str) -> dict[str, str]:
+        home = self.folder / "home of somebody"
+        home.mkdir(exist_ok=True)
+        own = {"PATH": str(self.bin), "HOME": str(home), "XDG_CACHE_HOME": str(self.cache), "HEADSTOCK_PRIVATE_ROOT": "1"}
+        return own | more
+
+    def start(self, *arguments: str, **more: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [ROOT / "headstock", *arguments],
+            env=self.environment(**more),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def roots(self) -> list[str]:
+        return sorted(path.name for path in (self.cache / "headstock").glob("root-*"))
+
+    def builds(self) -> int:
+        return len(self.log.read_text().splitlines()) if self.log.exists() else 0
+
+
+def run(command: list[str | Path], environment: Mapping[str, str], cwd: Path = ROOT) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.fixture
+def host(tmp_path: Path) -> Host:
+    return Host(tmp_path)
+
+
+def dry(host: Host, *arguments: str, cwd: Path = ROOT, **more: str) -> list[str]:
+    done = run([ROOT / "headstock", *arguments], host.environment(HEADSTOCK_DRY_RUN="1", **more), cwd)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def binds(words: list[str]) -> set[tuple[str, str]]:
+    return {(words[at + 1], words[at + 2]) for at, word in enumerate(words) if word == "--bind"}
+
+
+# ---- the command that is run ----
+
+
+def test_a_command_becomes_a_call_of_the_program_inside_the_root(host: Host) -> None:
+    words = dry(host, "run", "a scene.toml", "--set", "k=1 N/um")
+    assert words[0] == "bwrap"
+    assert words[-8:] == ["/usr/bin/python3", "-P", "-m", "headstock.app.command_line", "run", "a scene.toml", "--set", "k=1 N/um"]
+    assert host.roots() == []
+
+
+def test_top_folders_of_the_host_keep_their_names_and_those_of_the_root_are_its_own(host: Host) -> None:
+    pairs = binds(dry(host, "doctor"))
+    assert {target for _, target in pairs} >= {"/", "/tmp"}
+    assert {target for _, target in pairs} & {"/usr", "/etc", "/bin", "/lib", "/var"} == set()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "x", "-o", "/var/opt/results/one"],
+        ["run", "/var/opt/a scene.toml"],
+        ["check", "x", "--json", "/var/opt/new folder/out.json"],
+        ["check", "x", "--json=/var/opt/out.json"],
+        ["run", "/var/local/../opt/scene.toml"],
+    ],
+)
+def test_a_path_in_a_system_folder_is_bound_at_its_nearest_existing_parent(host: Host, arguments: list[str]) -> None:
+    if not Path("/var/opt").is_dir() or not Path("/var/local").is_dir():
+        pytest.skip("this system has no /var/opt")
+    assert ("/var/opt", "/var/opt") in binds(dry(host, *arguments))
+
+
+def test_a_relative_path_that_leaves_the_working_folder_is_bound_too(host: Host) -> None:
+    if not Path("/var/opt").is_dir() or not Path("/var/local").is_dir():
+        pytest.skip("this system has no /var/opt")
+    assert ("/var/opt", "/var/opt") in binds(dry(host, "run", "../opt/scene.toml", cwd=Path("/var/local")))
+
+
+def test_the_working_folder_keeps_its_name_even_with_spaces(host: Host, tmp_path: Path) -> None:
+    folder = tmp_path / "two words"
+    folder.mkdir()
+    words = dry(host, "run", "scene.toml", cwd=folder)
+    assert words[words.index("--chdir") + 1] == str(folder)
+
+
+@pytest.mark.parametrize("ranks", [["--ranks", "3"], ["--ranks=3"]])
+def test_ranks_are_started_by_mpirun_inside_the_root(host: Host, ranks: list[str]) -> None:
+    words = dry(host, "run", "x.toml", *ranks)
+    start = words.index("/usr/bin/mpirun")
+    assert words[start + 1 : start + 6] == ["--oversubscribe", "--bind-to", "none", "-n", "3"]
+    assert words[start + 6 : start + 12] == ["/usr/bin/python3", "-P", "-m", "mpi4py", "-m", "headstock.app.command_line"]
+    assert words[start + 12 :] == ["run", "x.toml", *ranks]
+
+
+@pytest.mark.parametrize("ranks", [["--ranks", "1"], ["--ranks", "many"], ["--ranks"], ["--ranks", "-2"], ["--ranks", "99999"]])
+def test_one_rank_or_nonsense_starts_no_mpirun(host: Host, ranks: list[str]) -> None:
+    assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", *ranks)
+
+
+def test_within_an_mpirun_of_the_callers_no_second_one_is_started(host: Host) -> None:
+    assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", "--ranks", "2", OMPI_COMM_WORLD_SIZE="2")
+
+
+def test_tests_run_in_the_project_with_workers_and_the_callers_arguments_last(host: Host, tmp_path: Path) -> None:
+    words = dry(host, "test", "-k", "two words", cwd=tmp_path)
+    assert words[words.index("--chdir") + 1] == str(ROOT)
+    assert words[words.index("pytest") - 3 :][:2] == ["/usr/bin/python3", "-P"]
+    assert words[-2:] == ["-k", "two words"]
+    assert "-n" in words
+
+
+def test_a_debugger_gets_no_workers(host: Host) -> None:
+    words = dry(host, "test", "--pdb")
+    assert words[words.index("-n") + 1] == "0"
+
+
+@pytest.mark.parametrize("arguments", [["exec"], ["exec", "--with"], ["exec", "--with", "nonsense", "true"]])
+def test_exec_without_a_command_or_with_an_unknown_group_says_what_to_write(host: Host, arguments: list[str]) -> None:
+    done = run([ROOT / "headstock", *arguments], host.environment())
+    assert done.returncode == 1
+    assert "headstock: " in done.stderr
+    assert host.builds() == 0
+
+
+# ---- building the root ----
+
+
+def test_the_first_command_builds_the_root_and_the_second_uses_it(host: Host) -> None:
+    first = run([ROOT / "headstock", "exec", "true"], host.environment())
+    second = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert (first.returncode, second.returncode) == (0, 0), first.stderr
+    assert "building the environment" in first.stderr
+    assert second.stderr == ""
+    assert host.builds() == 1
+    assert len(host.roots()) == 1
+
+
+def test_every_package_of_the_list_is_asked_for(host: Host) -> None:
+    run([ROOT / "headstock", "exec", "true"], host.environment())
+    lines = (ROOT / "environment" / "packages.txt").read_text().splitlines()
+    packages = [line for line in lines if line and not line.startswith("#")]
+    assert f"--include={','.join(packages)} " in host.log.read_text()
+
+
+def test_two_that_start_at_once_build_once(host: Host) -> None:
+    host.mmdebstrap(seconds=0.7)
+    started = [host.start("exec", "true") for _ in range(3)]
+    errors = [process.communicate(timeout=60)[1] for process in started]
+    assert [process.returncode for process in started] == [0, 0, 0], errors
+    assert host.builds() == 1
+    assert sum("waiting" in text for text in errors) == 2
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 143)], ids=["TERM", "INT", "HUP"]
+)
+def test_a_build_that_is_stopped_leaves_nothing_behind(host: Host, number: signal.Signals, code: int) -> None:
+    host.mmdebstrap(seconds=30)
+    process = host.start("exec", "true")
+    wait_for(lambda: host.builds() == 1)
+    os.kill(process.pid, number)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == code
+    assert "nothing was left behind" in errors
+    assert host.roots() == []
+    wait_for(lambda: not group_lives(int(host.pid.read_text())))
+
+
+def test_what_a_killed_build_left_is_cleared_by_the_next(host: Host) -> None:
+    host.mmdebstrap(seconds=30)
+    process = host.start("exec", "true")
+    wait_for(lambda: host.builds() == 1)
+    builder = int(host.pid.read_text())
+    os.killpg(process.pid, signal.SIGKILL)
+    os.killpg(builder, signal.SIGKILL)
+    process.communicate(timeout=20)
+    assert [".growing." in name for name in host.roots()] == [True]
+    host.mmdebstrap()
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 0, done.stderr
+    assert [".growing." in name for name in host.roots()] == [False]
+
+
+def test_a_failed_build_shows_the_end_of_its_log_and_leaves_no_root(host: Host) -> None:
+    host.mmdebstrap(code=25)
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 1
+    assert "E: no such mirror" in done.stderr
+    assert "build.log" in done.stderr
+    assert done.stdout == ""
+    assert host.roots() == []
+
+
+def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: Host) -> None:
+    host.mmdebstrap(code=25)
+    host.write("apt-get", "#!/bin/sh\n[ $1 = indextargets ] && echo http://mirror.example/debian\n")
+    run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert [line.endswith("deb http://mirror.example/debian trixie main") for line in host.log.read_text().splitlines()] == [
+        False,
+        True,
+    ]
+
+
+def test_too_little_room_is_said_before_anything_is_built(host: Host) -> None:
+    host.write("df", DF.format(kb=1_000_000))
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 1
+    assert "XDG_CACHE_HOME" in done.stderr
+    assert host.builds() == 0
+
+
+def test_an_ordinary_user_without_the_tools_is_told_the_line_to_type(host: Host) -> None:
+    host.ordinary_user()
+    (host.bin / "mmdebstrap").unlink()
+    host.write("apt-get", "#!/bin/sh\nexit 99\n")
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 1
+    assert "sudo apt-get install mmdebstrap bubblewrap" in done.stderr
+
+
+def test_an_ordinary_user_gets_the_root_through_a_tar_stream(host: Host) -> None:
+    host.ordinary_user()
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 0, done.stderr
+    assert "--mode=unshare --format=tar" in host.log.read_text()
+    assert [".growing." in name for name in host.roots()] == [False]
+    assert list((host.cache / "headstock").glob("*.pipe")) == []
+
+
+@pytest.mark.parametrize("lacking", ["uidmap", "subordinates", "namespaces"])
+def test_what_an_ordinary_user_lacks_is_said_with_its_remedy_before_anything_is_built(host: Host, lacking: str) -> None:
+    host.ordinary_user(subordinates=lacking != "subordinates", namespaces=lacking != "namespaces")
+    if lacking == "uidmap":
+        (host.bin / "newuidmap").unlink()
+        host.write("apt-get", "#!/bin/sh\nexit 99\n")
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    remedy = {
+        "uidmap": "missing: newuidmap. Install with: sudo apt-get install mmdebstrap bubblewrap debian-archive-keyring uidmap",
+        "subordinates": "sudo usermod --add-subuids 100000-165535 --add-subgids 100000-165535 somebody",
+        "namespaces": "sudo sysctl kernel.unprivileged_userns_clone=1",
+    }
+    assert done.returncode == 1
+    assert remedy[lacking] in done.stderr
+    assert host.builds() == 0
+    assert host.roots() == []
+
+
+def test_root_installs_missing_tools_by_itself(host: Host) -> None:
+    (host.bin / "mmdebstrap").unlink()
+    host.write("id", "#!/bin/sh\necho 0\n")
+    tool = MMDEBSTRAP.format(log=host.log, pid=host.pid, seconds=0, code=0)
+    install = (
+        f'#!/bin/sh\n[ "$1" = install ] || exit 0\ncat >"{host.bin}/mmdebstrap" <<"E"\n{tool}E\nchmod +x "{host.bin}/mmdebstrap"\n'
+    )
+    host.write("apt-get", install)
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 0, done.stderr
+    assert "installing mmdebstrap" in done.stderr
+    assert host.builds() == 1
+
+
+def test_where_no_view_can_be_made_the_remedy_is_said(host: Host) -> None:
+    host.ordinary_user()
+    host.write("bwrap", "#!/bin/sh\necho 'bwrap: No permissions' >&2\nexit 1\n")
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert done.returncode == 1
+    assert "--privileged" in done.stderr
+
+
+# ---- choosing a Python ----
+
+
+def sourced(script: str, environment: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
+    setting = f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run=\nsay() {{ echo "$*" >&2; }}\n'
+    parts = "".join(f". {str(ROOT / 'environment' / name)!r}\n" for name in ("find_python.sh", "build_root.sh", "settings.sh"))
+    return run(["/bin/sh", "-c", setting + parts + script], environment)
+
+
+@pytest.mark.parametrize(("release", "code"), [("ID=debian\nVERSION_ID=13", 1), ('ID=debian\nVERSION_ID="14.1"', 1)])
+def test_a_debian_that_has_the_packages_gets_the_apt_line(host: Host, tmp_path: Path, release: str, code: int) -> None:
+    (tmp_path / "os-release").write_text(release + "\n")
+    done = sourced(f"suggest_apt {str(tmp_path / 'os-release')!r}", host.environment())
+    assert done.returncode == code
+    assert "sudo apt-get install --no-install-recommends python3-dolfinx-real " in done.stderr
+
+
+@pytest.mark.parametrize(
+    "release", ["ID=debian\nVERSION_ID=12", "ID=debian\nNAME=testing", "ID=ubuntu\nVERSION_ID=24.04", "ID=arch"]
+)
+def test_other_systems_get_a_private_root(host: Host, tmp_path: Path, release: str) -> None:
+    (tmp_path / "os-release").write_text(release + "\n")
+    done = sourced(f"suggest_apt {str(tmp_path / 'os-release')!r}; echo on", host.environment())
+    assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "")
+
+
+def test_a_python_that_fits_is_probed_once_and_again_after_it_changed(host: Host, tmp_path: Path) -> None:
+    (tmp_path / "dolfinx").mkdir()
+    host.write("python3", f'#!/bin/sh\necho probed >>"{tmp_path}/probes"\necho "{tmp_path}/dolfinx"\n')
+    assert sourced('probe_pythons; known_python; echo "$python"', host.environment()).stdout == f"{host.bin}/python3\n"
+    assert sourced("known_python", host.environment()).returncode == 0
+    os.utime(host.bin / "python3", (1, 1))
+    assert sourced("known_python", host.environment()).returncode == 1
+    assert (tmp_path / "probes").read_text() == "probed\n"
+
+
+def test_the_python_that_runs_these_tests_passes_the_probe(host: Host) -> None:
+    (host.bin / "python3").symlink_to(sys.executable)
+    done = sourced("probe_pythons", host.environment())
+    assert done.returncode == 0, done.stderr
+
+
+# ---- running on a Python that is there ----
+
+
+def direct(folder: Path, *arguments: str, cwd: Path = ROOT, **more: str) -> "subprocess.CompletedProcess[str]":
+    passed = {key: value for key, value in os.environ.items() if key in {"PATH", "HOME"}}
+    own = {"HEADSTOCK_PYTHON": sys.executable, "XDG_CACHE_HOME": str(folder / "cache")}
+    return run([folder / "headstock", *arguments], passed | own | more, cwd)
+
+
+def clone(target: Path) -> Path:
+    target.mkdir(parents=True)
+    shutil.copy(ROOT / "headstock", target)
+    for folder in ("environment", ".typing", "app", "geometry"):
+        shutil.copytree(ROOT / folder, target / folder, symlinks=True)
+    return target
+
+
+def test_each_of_two_clones_runs_its_own_code_from_anywhere(tmp_path: Path) -> None:
+    for name in ("one", "the other clone"):
+        folder = clone(tmp_path / name)
+        code = "import headstock.geometry; print(headstock.geometry.__path__[0])"
+        done = direct(folder, "exec", sys.executable, "-c", code, cwd=tmp_path)
+        assert Path(done.stdout.strip()).resolve() == folder / "geometry", done.stderr
+
+
+def test_a_link_to_the_launcher_runs_the_clone_it_points_to(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    (tmp_path / "linked").symlink_to(folder / "headstock")
+    done = run([tmp_path / "linked", "exec", "env"], {"PATH": os.environ["PATH"], "HEADSTOCK_PYTHON": sys.executable})
+    assert f"PYTHONPATH={folder}/.typing\n" in done.stdout
+
+
+def test_modules_in_the_working_folder_are_not_picked_up(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    (tmp_path / "headstock.py").write_text("raise SystemExit('the wrong one')\n")
+    (folder / "app" / "command_line.py").write_text("print('the right one')\n")
+    assert direct(folder, "anything", cwd=tmp_path).stdout == "the right one\n"
+
+
+def test_the_exit_code_is_the_programs(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    (folder / "app" / "command_line.py").write_text("raise SystemExit(2)\n")
+    assert direct(folder, "check", "x").returncode == 2
+
+
+def test_with_ranks_each_gets_one_thread_and_a_failing_rank_ends_the_job(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    (folder / "app" / "command_line.py").write_text(
+        "import os, sys\nfrom mpi4py import MPI\n"
+        "comm = MPI.COMM_WORLD\n"
+        "print(comm.size, os.environ['OMP_NUM_THREADS'], flush=True)\n"
+        "comm.barrier()\n"
+        "if comm.rank == 1:\n    sys.exit(3)\n"
+        "comm.barrier()\n"
+    )
+    done = direct(folder, "run", "--ranks", "2")
+    assert done.stdout.split("\n")[:2] == ["2 1", "2 1"]
+    assert done.returncode == 3
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [({}, {"1", "2"}), ({"HEADSTOCK_THREADS": "5"}, {"5"}), ({"OMP_NUM_THREADS": "3"}, {"3"})]
+)
+def test_threads_are_free_cores_up_to_two_unless_the_caller_says(tmp_path: Path, given: dict[str, str], expected: set[str]) -> None:
+    folder = clone(tmp_path / "clone")
+    done = direct(folder, "exec", "sh", "-c", "echo $OMP_NUM_THREADS $OPENBLAS_NUM_THREADS", cwd=folder, **given)
+    openmp, blas = done.stdout.split()
+    assert openmp == blas
+    assert openmp in expected
+
+
+def test_a_clone_that_may_not_be_written_gets_its_bytecode_elsewhere(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    folder.chmod(0o555)
+    try:
+        done = direct(folder, "exec", "env", XDG_CACHE_HOME=str(tmp_path / "cache"))
+    finally:
+        folder.chmod(0o755)
+    assert f"PYTHONPYCACHEPREFIX={tmp_path}/cache/headstock/bytecode" in done.stdout
+
+
+def group_lives(leader: int) -> bool:
+    """Whether a process of the group still runs; one that ended and waits to be collected does not count."""
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, group = status.read_text().rpartition(")")[2].split()[:3]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(group) == leader and state != "Z":
+            return True
+    return False
+
+
+def wait_for(condition: Callable[[], bool], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)

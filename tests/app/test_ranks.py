@@ -1,0 +1,114 @@
+"""Several ranks give what one gives, and one failing rank ends them all."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+SCENE = """
+name = "A column on springs"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.column]
+solid = { box = ["50 mm", "50 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "25 mm" }
+reduction = { modes = 6 }
+[components.column.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+[joints.mount]
+between = ["ground", "column.foot"]
+kind = "spring"
+stiffness = { x = "100 N/um", y = "100 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 10
+"""
+FAILING_RANK = """
+import sys
+from mpi4py import MPI
+from headstock.app.command_line import main
+from headstock.reduction import elastic_reduction
+
+whole = elastic_reduction.assemble_elasticity
+
+def fail_on_one_rank(*arguments, **options):
+    if MPI.COMM_WORLD.rank == 1:
+        raise RuntimeError("the cosmic ray hit")
+    return whole(*arguments, **options)
+
+elastic_reduction.assemble_elasticity = fail_on_one_rank
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
+    mpirun = shutil.which("mpirun")
+    assert mpirun is not None
+    variables = {**os.environ, "HEADSTOCK_STORE": str(folder / f"store{ranks}"), "OMP_NUM_THREADS": "1"}
+    command = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", str(ranks), sys.executable, "-P", *program]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "column.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(scene_file: Path, tmp_path: Path) -> None:
+    summaries = []
+    for ranks in (1, 2, 4):
+        out = tmp_path / f"out{ranks}"
+        program = (
+            "-m",
+            "mpi4py",
+            "-m",
+            "headstock.app.command_line",
+            "run",
+            str(scene_file),
+            "-o",
+            str(out),
+            "--ranks",
+            str(ranks),
+        )
+        result = run_on_ranks(ranks, tmp_path, *program)
+        assert result.returncode == 0, result.stderr
+        assert result.stdout.count("  modal ") == 1
+        summaries.append(json.loads((out / "summary.json").read_text()))
+    for other in summaries[1:]:
+        assert not any(stage["cached"] for stage in other["stages"])
+        assert other["modal"][0]["frequencies_hz"] == pytest.approx(summaries[0]["modal"][0]["frequencies_hz"], rel=1e-8)
+        for row, reference in zip(
+            other["static"]["tcp"]["compliance_6x6"], summaries[0]["static"]["tcp"]["compliance_6x6"], strict=True
+        ):
+            assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
+
+
+def test_one_failing_rank_ends_the_job_with_an_error_and_no_file(scene_file: Path, tmp_path: Path) -> None:
+    start = time.monotonic()
+    result = run_on_ranks(2, tmp_path, "-c", FAILING_RANK, "run", str(scene_file), "-o", str(tmp_path / "out"))
+    assert time.monotonic() - start < 60.0
+    assert result.returncode != 0
+    assert "rank 1" in result.stderr and "cosmic ray" in result.stderr
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_bad_scene_ends_all_ranks_with_2(scene_file: Path, tmp_path: Path) -> None:
+    scene_file.write_text(SCENE.replace("nu = 0.3", "nu = 0.7"))
+    program = ("-m", "mpi4py", "-m", "headstock.app.command_line", "run", str(scene_file), "-o", str(tmp_path / "out"))
+    result = run_on_ranks(2, tmp_path, *program)
+    assert result.returncode == 2
+    assert result.stderr.count("materials.steel.nu") == 1

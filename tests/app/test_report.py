@@ -1,0 +1,320 @@
+"""The report is one file that loads nothing, escapes everything, and shows no number that is not in the summary."""
+
+import base64
+import copy
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.app.command_line import main
+from headstock.app.report import format_number, render_report
+from headstock.app.viewer_data import encode_machine, pose_shapes, script_json
+from headstock.geometry.frames import Frame
+from headstock.geometry.solid_skins import box_skin
+from headstock.pipeline.machine_views import JointView, MachineView, PointView, PoseView
+from headstock.pipeline.result_files import read_summary, read_view
+
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
+HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(1)>', "</script><b>", "{{ 7 * 7 }}", "a\u2028b\u2029c", "&lt;")
+SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+class Page(HTMLParser):
+    """Tags, numbers with their values, and the words outside numbers, scripts and styles."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.numbers: list[tuple[float, str]] = []
+        self.words: list[str] = []
+        self.scripts: list[str] = []
+        self.stack: list[str] = []
+        self.value: str | None = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.tags.append((tag, found))
+        if tag not in ("meta", "img", "input", "br", "link"):
+            self.stack.append(tag)
+        self.value = found.get("value") if tag == "data" else found.get("data-value", self.value if tag == "data" else None)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        while self.stack and self.stack.pop() != tag:
+            pass
+        self.value = None
+
+    def handle_data(self, data):
+        if self.stack and self.stack[-1] in ("script", "style"):
+            self.scripts.append(data)
+        elif self.value is not None:
+            self.numbers.append((float(self.value), data))
+        else:
+            self.words.append(data)
+
+
+def values_in(content) -> set[float]:
+    if isinstance(content, dict):
+        return set().union(*map(values_in, content.values())) if content else set()
+    if isinstance(content, list):
+        return set().union(*map(values_in, content)) if content else set()
+    return {float(content)} if isinstance(content, int | float) and not isinstance(content, bool) else set()
+
+
+def texts_in(content) -> set[str]:
+    if isinstance(content, dict):
+        return set(content).union(*map(texts_in, content.values()))
+    if isinstance(content, list):
+        return set().union(*map(texts_in, content)) if content else set()
+    return {content} if isinstance(content, str) else set()
+
+
+def read_shown(text: str) -> tuple[float, float]:
+    """A number as shown, and half a unit of its last digit."""
+    plain = text.replace("−", "-").replace("\u202f", "")
+    mantissa, _, exponent = plain.removesuffix(" %").partition("·10")
+    unit = 10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0) * (0.01 if plain.endswith("%") else 1.0)
+    return float(mantissa) * unit, 0.5001 * unit * 10.0 ** -len(mantissa.partition(".")[2])
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
+        code = main(["run", str(MACHINES / "three_axis.toml"), "-o", str(folder / "out"), "--variant", "YE", "--no-figures"])
+    assert code == 0
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def html(run_folder: Path) -> str:
+    return (run_folder / "report.html").read_text()
+
+
+def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(run_folder: Path, html: str) -> None:
+    summary = read_summary(run_folder)
+    page = Page(html)
+    assert len(page.numbers) > 200
+    assert {value for value, _ in page.numbers} <= values_in(summary)
+    for value, text in page.numbers:
+        shown, half = read_shown(text)
+        assert shown == pytest.approx(value, abs=half, rel=0.0), text
+
+
+def test_no_decimal_number_stands_outside_the_numbered_elements(run_folder: Path, html: str) -> None:
+    words = " ".join(Page(html).words)
+    for text in sorted(texts_in(read_summary(run_folder)), key=len, reverse=True):
+        words = words.replace(text, "") if re.search(r"\d", text) else words
+    assert re.findall(r"\d+[.,]\d+", words) == []
+
+
+def test_the_report_of_the_three_axis_machine_is_below_3_mb(html: str) -> None:
+    assert 0.5e6 < len(html.encode()) < 2.5e6
+
+
+def test_the_report_loads_nothing(html: str) -> None:
+    page = Page(html)
+    for tag, attributes in page.tags:
+        assert tag not in ("link", "iframe", "object", "embed", "base", "form")
+        for name in ("src", "href", "srcset", "action", "poster", "background"):
+            target = attributes.get(name)
+            assert target is None or target.startswith(("#", "data:")), (tag, target)
+    styles = "".join(text for text in page.scripts if "prefers-color-scheme" in text)
+    assert "url(" not in styles and "@import" not in styles
+    policy = next(
+        attributes["content"] for tag, attributes in page.tags if attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert "default-src 'none'" in policy and "http" not in policy
+
+
+def test_the_same_report_is_written_again_from_the_files_alone(run_folder: Path, html: str) -> None:
+    assert render_report(read_summary(run_folder), read_view(run_folder)) == html
+
+
+def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> None:
+    summary = read_summary(run_folder)
+    assert "not estimated" in render_report(summary)
+    summary["modal"][0]["error_hz"] = [0.25] * len(summary["modal"][0]["error_hz"])
+    changed = render_report(summary)
+    assert '<data value="0.25">0.25</data>' in changed
+
+
+def test_the_first_mode_that_deforms_is_neither_free_nor_a_rigid_body_on_its_mounts(run_folder: Path) -> None:
+    summary = read_summary(run_folder)
+    names, hz = ["free X translation of a", "rigid body Y translation on m", "a bends X"], [0.0, 2.0, 87.5]
+    modes = summary["modal"][0] | {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
+    modes |= {key: modes[key][:3] for key in ("error_hz", "damping_ratio", "energy_share")}
+    html = render_report(summary | {"modal": [modes]})
+    tile = html[html.index("First mode that deforms") :][:200]
+    assert '<data value="87.5">' in tile and "a bends X" in tile
+
+
+def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> None:
+    summary = read_summary(run_folder) | {"warnings": ["the bed is soft"], "failures": ["it floats"], "status": "failed"}
+    html = render_report(summary)
+    assert html.index("it floats") < html.index("the bed is soft") < html.index('class="keys"')
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [{"modal": []}, {"static": {}}, {"static": {}, "modal": []}, {"components": {}, "stages": [], "static": {}, "modal": []}],
+    ids=["static only", "modal only", "neither", "nothing"],
+)
+def test_a_report_of_part_of_the_analyses_holds_what_there_is(run_folder: Path, missing: dict) -> None:
+    summary = read_summary(run_folder)
+    summary.pop("static_poses")
+    html = render_report(summary | missing)
+    assert ('id="modes"' in html) == (missing.get("modal") != [])
+    assert ('id="stiffness"' in html) == (missing.get("static") != {})
+    assert 'id="machine"' not in html
+    assert {value for value, _ in Page(html).numbers} <= values_in(summary)
+
+
+def test_probes_are_shown_with_their_stress(run_folder: Path) -> None:
+    stress = {pair: float(i) for i, pair in enumerate(("xx", "yy", "zz", "xy", "xz", "yz"))}
+    probe = {
+        "component": "bed",
+        "displacement_um": [1.5, 2.5, 3.5],
+        "stress_mpa": stress,
+        "von_mises_mpa": 7.25,
+        "stress_jump": 0.0625,
+    }
+    summary = read_summary(run_folder) | {"probes": {"reference": {"corner": probe}}}
+    page = Page(render_report(summary))
+    assert {1.5, 7.25, 0.0625} <= {value for value, _ in page.numbers}
+
+
+def hostile_view() -> MachineView:
+    skins = {name: box_skin(np.zeros(3), np.ones(3)) for name in HOSTILE}
+    joints = {name: JointView("spring", name, name, Frame()) for name in HOSTILE}
+    points = {name: PointView(name, name, np.zeros(3)) for name in HOSTILE}
+    pose = PoseView({name: Frame() for name in HOSTILE}, joints, points, {name: np.ones((2, 8, 3)) for name in HOSTILE})
+    return MachineView(skins, {}, {HOSTILE[0]: pose})
+
+
+def hostile_summary(run_folder: Path) -> dict:
+    summary = copy.deepcopy(read_summary(run_folder))
+    summary["name"], summary["warnings"], summary["failures"] = HOSTILE[0], list(HOSTILE), list(HOSTILE)
+    facts = next(iter(summary["components"].values()))
+    summary["components"] = dict.fromkeys(HOSTILE, facts | {"fidelity": HOSTILE[2]})
+    summary["versions"] = {HOSTILE[1]: HOSTILE[0]}
+    shares = dict.fromkeys(HOSTILE, 0.125)
+    point = next(iter(summary["static"].values()))
+    summary.pop("static_poses", None)
+    summary["static"] = {HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "sentence": HOSTILE[2]}}
+    modes = summary["modal"][0]
+    modes |= {"pose_name": HOSTILE[0], "mode_names": [HOSTILE[1]] * len(modes["mode_names"])}
+    modes["energy_share"] = [shares] * len(modes["mode_names"])
+    summary["modal"] = [modes]
+    summary["stages"] = [row | {"component": HOSTILE[0], "pose": HOSTILE[1], "reason": HOSTILE[2]} for row in summary["stages"]]
+    return summary
+
+
+def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> None:
+    html = render_report(hostile_summary(run_folder), hostile_view())
+    page = Page(html)
+    assert [tag for tag, _ in page.tags].count("script") == 2
+    assert not any(tag in ("b", "script") and attributes.get("onerror") for tag, attributes in page.tags)
+    assert not any(name.startswith("on") for _, attributes in page.tags for name in attributes)
+    assert [tag for tag, _ in page.tags].count("img") == 0
+    shown = "".join(page.words)
+    assert all(text in shown for text in (*HOSTILE[:4], HOSTILE[5]))
+
+
+def test_data_for_the_viewer_survives_hostile_names_unchanged() -> None:
+    view = hostile_view()
+    text = encode_machine(view, {HOSTILE[0]: [("mode:0", HOSTILE[0], HOSTILE[4])]})
+    assert text is not None
+    assert not set("<>&\u2028\u2029") & set(text)
+    data = json.loads(text)
+    assert [part["name"] for part in data["components"]] == list(HOSTILE)
+    assert data["poses"][0]["captions"][0]["text"] == HOSTILE[4]
+    assert json.loads(script_json(list(HOSTILE))) == list(HOSTILE)
+
+
+def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_one_part_in_thirty_thousand(run_folder: Path) -> None:
+    view = read_view(run_folder)
+    name, pose = next(iter(view.poses.items()))
+    text = encode_machine(view, {name: [("push:tcp x", "", ""), ("mode:0", "", "")]})
+    assert text is not None
+    data = json.loads(text)
+    block = zlib.decompress(base64.b64decode(data["blob"]))
+    start = 0
+
+    def take(kind: str, count: int) -> np.ndarray:
+        nonlocal start
+        found = np.frombuffer(block, kind, count, start)
+        start += found.nbytes
+        return found
+
+    for about, skin in zip(data["components"], view.skins.values(), strict=True):
+        points = np.array(about["low"]) + take("<u2", 3 * about["points"]).reshape(-1, 3) * np.array(about["step"])
+        np.testing.assert_allclose(points, skin.points, atol=1e-4 * data["size"])
+        np.testing.assert_array_equal(take("<u2", 3 * about["triangles"]).reshape(-1, 3), skin.triangles)
+        np.testing.assert_array_equal(take("<u2", 2 * about["edges"]).reshape(-1, 2), skin.edges)
+    assert data["bytes"] == 2
+    for shape in data["poses"][0]["shapes"]:
+        parts = pose_shapes(pose)[shape]
+        largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
+        for part in parts.values():
+            found = take("<i2", part.size).reshape(-1, 3)
+            np.testing.assert_allclose(found / 32767.0, part / largest, atol=1.0 / 30000.0)
+    assert start == len(block)
+
+
+def test_a_huge_machine_is_offered_with_fewer_and_coarser_shapes_so_that_the_page_can_be_mailed() -> None:
+    rng = np.random.default_rng(2)
+    points, count = 30_000, 100
+    skin = box_skin(np.zeros(3), np.ones(3))
+    skins = {"big": type(skin)(rng.random((points, 3)), skin.triangles, skin.edges, "mesh")}
+    shifts = {"big": np.broadcast_to(rng.random((1, points, 3)), (count, points, 3))}
+    view = MachineView(skins, {}, {"p": PoseView({"big": Frame()}, {}, {}, shifts)})
+    text = encode_machine(view, {"p": [(f"mode:{i}", "", "") for i in range(count)]})
+    assert text is not None
+    assert json.loads(text)["bytes"] == 1
+    assert 1 <= len(json.loads(text)["poses"][0]["shapes"]) < count
+    assert len(text) < 2.6e6
+
+
+def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder: Path) -> None:
+    summary, view = read_summary(run_folder), read_view(run_folder)
+    for name, pose in view.poses.items():
+        place = pose.points["tcp"].tool_place
+        matrix = np.array(summary["static_poses"][name]["tcp"]["compliance_6x6"])
+        for column, direction in enumerate("xyz"):
+            moved = {}
+            for part in ("z_slider", "x_slider"):
+                frame, skin = pose.placements[part], view.skins[part]
+                corners = skin.points @ frame.rotation.T + frame.origin
+                # rigid bodies: the motion is linear in the place
+                ansatz = np.column_stack([np.ones(len(corners)), corners])
+                fit, *_ = np.linalg.lstsq(ansatz, pose.pushes[f"tcp {direction}"][part], rcond=None)
+                moved[part] = np.array([1.0, *place]) @ fit
+            np.testing.assert_allclose(
+                moved["z_slider"] - moved["x_slider"], matrix[:3, column], atol=1e-4 * matrix[column, column]
+            )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (48.594123, "48.59"), (-1.5, "−1.500"), (12345, "12\u202f345"), (1.23456e-9, "1.23·10⁻⁹"), (2.5e12, "2.50·10¹²")],
+)
+def test_numbers_are_written_for_readers(value: float, text: str) -> None:
+    assert format_number(value) == text
+
+
+def test_the_bundle_holds_no_end_of_a_script_element_and_its_lock_file_names_no_host() -> None:
+    folder = Path(__file__).resolve().parents[2] / "app" / "viewer"
+    bundle = (folder / "viewer.bundle.js").read_text().lower()
+    assert "</script" not in bundle and "<!--" not in bundle
+    assert "resolved" not in (folder / "package-lock.json").read_text()
+    assert "three.js authors" in (folder / "LICENSES.txt").read_text()

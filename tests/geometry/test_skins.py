@@ -1,0 +1,83 @@
+"""Skins are closed, point outward and carry the solid's own sharp edges."""
+
+import numpy as np
+import pytest
+
+from headstock.geometry.skins import Skin, sharp_edges, split_skin
+from headstock.geometry.solid_skins import box_skin, inertia_skin, solid_skin
+from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
+
+
+def enclosed_volume(skin: Skin) -> float:
+    a, b, c = (skin.points[skin.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def edges_used_once_in_each_direction(skin: Skin) -> bool:
+    directed = np.vstack([skin.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    forward = {tuple(edge) for edge in directed.tolist()}
+    return len(forward) == len(directed) and all((b, a) in forward for a, b in forward)
+
+
+SIDES = 48
+POLYGON = SIDES / 2 * np.sin(2 * np.pi / SIDES)  # area of the polygon in the unit circle
+CASES = {
+    "box": (Box((0.1, 0.2, 0.3)), 0.1 * 0.2 * 0.3),
+    "column": (HollowColumn((0.3, 0.4, 1.0), 0.02, 0.02), 0.3 * 0.4 * 1.0),
+    "tube": (Tube(0.1, 0.06, 0.5), POLYGON * (0.05**2 - 0.03**2) * 0.5),
+    "rod": (Tube(0.1, 0.0, 0.5), POLYGON * 0.05**2 * 0.5),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_solid_skin_is_closed_and_encloses_the_outer_volume(name: str) -> None:
+    solid, volume = CASES[name]
+    skin = solid_skin(solid)
+    assert skin is not None
+    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    if name != "rod":  # its end faces are fans round a point that stands for a whole ring
+        assert edges_used_once_in_each_direction(skin)
+
+
+def test_a_box_has_twelve_sharp_edges_and_none_across_its_faces() -> None:
+    skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    lengths = np.linalg.norm(np.diff(skin.points[skin.edges], axis=1)[:, 0], axis=1)
+    assert sorted(lengths) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+
+
+def test_a_box_stands_on_its_footprint_with_z_through_the_centre() -> None:
+    skin = solid_skin(Box((0.1, 0.2, 0.3)))
+    assert skin is not None
+    np.testing.assert_allclose(skin.points.min(axis=0), [-0.05, -0.1, 0.0])
+    np.testing.assert_allclose(skin.points.max(axis=0), [0.05, 0.1, 0.3])
+
+
+def test_a_ribbed_plate_reaches_to_the_top_of_its_ribs() -> None:
+    skin = solid_skin(Plate((0.4, 0.3, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=2, ribs_y=1))
+    assert skin is not None
+    assert skin.points[:, 2].max() == pytest.approx(0.07)
+    assert len(skin.triangles) == 12 * 4
+
+
+def test_a_block_of_equal_inertia_is_the_block_itself_when_the_body_is_one() -> None:
+    size, mass = np.array([0.2, 0.3, 0.5]), 4.0
+    inertia = mass / 12.0 * np.diag(size @ size - size**2)
+    skin = inertia_skin(mass, np.array([1.0, 2.0, 3.0]), inertia)
+    np.testing.assert_allclose(np.ptp(skin.points, axis=0), size, rtol=1e-12)
+    np.testing.assert_allclose(skin.points.mean(axis=0), [1.0, 2.0, 3.0])
+    assert enclosed_volume(skin) == pytest.approx(size.prod(), rel=1e-12)
+
+
+def test_a_body_without_mass_is_drawn_as_a_speck() -> None:
+    skin = inertia_skin(0.0, np.zeros(3), np.zeros((3, 3)))
+    assert 0.0 < float(np.ptp(skin.points, axis=0).max()) < 0.01
+
+
+def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
+    skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    finer = split_skin(split_skin(skin))
+    assert len(finer.triangles) == 16 * len(skin.triangles)
+    assert enclosed_volume(finer) == pytest.approx(6.0, rel=1e-12)
+    assert edges_used_once_in_each_direction(finer)
+    recomputed = {tuple(edge) for edge in sharp_edges(finer.points, finer.triangles).tolist()}
+    assert {tuple(sorted(edge)) for edge in finer.edges.tolist()} == recomputed

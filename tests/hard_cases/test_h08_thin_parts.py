@@ -1,0 +1,73 @@
+"""H08: a part a thousand times longer than thick: right with second-order elements, refused with first-order ones."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.components import Patch, Support
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.solvers.errors import ModelError
+from headstock.validation.full_models import full_displacement, full_model, full_modes
+
+COMM = MPI.COMM_SELF
+LENGTH, WIDTH, THICKNESS = 1.0, 0.02, 1e-3
+ELEMENTS = (40, 1, 1)
+CLAMP = (Support("clamp", "body", (Patch("x-"),), ("x", "y", "z")),)
+
+
+def strip(make_box, make_component, kind, poisson=0.0):
+    """A strip clamped at x = 0; with nu = 0 beam theory is the exact answer."""
+    material = make_component().material
+    material = type(material)("strip", material.youngs_modulus, poisson, material.density)
+    mesh = make_box(ELEMENTS, (LENGTH, WIDTH, THICKNESS), {"support:clamp": "x-", "tip": "x+"}, kind=kind)
+    held = np.repeat((mesh.points[:, 0] < 1e-12)[:, None], 3, axis=1)
+    return mesh, material, full_model(mesh, material, comm=COMM, held=held)
+
+
+def bending_frequency(material, number):
+    roots = (1.8751040687, 4.6940911330, 7.8547574382)
+    radius = THICKNESS / np.sqrt(12.0)
+    return roots[number] ** 2 / (2.0 * np.pi * LENGTH**2) * radius * np.sqrt(material.youngs_modulus / material.density)
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex27"])
+def test_second_order_elements_do_not_lock(make_box, make_component, kind):
+    mesh, material, model = strip(make_box, make_component, kind)
+    first = full_modes(model, 3).frequencies_hz[0]
+    assert first == pytest.approx(bending_frequency(material, 0), rel=0.03)
+    loads = np.zeros((len(mesh.points), 3))
+    tip = np.flatnonzero(mesh.points[:, 0] > LENGTH - 1e-12)
+    loads[tip, 2] = 1.0 / len(tip)
+    deflection = full_displacement(model, loads)[tip, 2].mean()
+    exact = LENGTH**3 / (3.0 * material.youngs_modulus * WIDTH * THICKNESS**3 / 12.0)
+    assert deflection == pytest.approx(exact, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8"])
+def test_first_order_elements_lock_and_are_refused_by_order_and_aspect_ratio(make_box, make_component, kind):
+    mesh, material, model = strip(make_box, make_component, kind)
+    assert full_modes(model, 1).frequencies_hz[0] > 5.0 * bending_frequency(material, 0)
+    with pytest.raises(
+        ModelError, match=r"body.*order 1.*up to \d\d times longer than thick.*0.001 times as thick as long.*order = 2"
+    ):
+        reduce_elastic(make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest())
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8"])
+def test_a_thin_part_of_well_shaped_first_order_elements_is_refused_too(make_box, make_component, kind):
+    mesh = make_box((150, 2, 1), (0.15, 0.002, 0.001), {"support:clamp": "x-", "tip": "x+"}, kind=kind)
+    with pytest.raises(ModelError, match="order 1"):
+        reduce_elastic(make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest())
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8"])
+def test_compact_first_order_elements_nobody_asked_for_are_spoken_of(make_box, make_component, kind):
+    mesh = make_box((4, 2, 2), (0.4, 0.2, 0.2), {"support:clamp": "x-", "tip": "x+"}, kind=kind)
+    element = reduce_elastic(make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    assert any("order 1" in warning and "lock" in warning for warning in element.warnings)
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex27"])
+def test_second_order_elements_need_no_warning(make_box, make_component, kind):
+    mesh = make_box((4, 1, 1), (0.4, 0.1, 0.1), {"tip": "x+"}, kind=kind)
+    assert reduce_elastic(make_component({"tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest()).warnings == ()

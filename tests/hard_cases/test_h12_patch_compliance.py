@@ -1,0 +1,92 @@
+"""H12: the compliance of an area patch does not hang on the mesh; of a point, a line or a single facet it does, so those are refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.components import Component, Interface, MeshSettings, Patch, Support
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box
+from headstock.meshing.component_meshing import mesh_component
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.solvers.errors import ModelError
+
+COMM = MPI.COMM_SELF
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+SIZE = (0.06, 0.06, 0.03)
+PAD = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.04, 0.04))
+CLAMP = (Support("clamp", "block", (Patch("z-"),), ("x", "y", "z")),)
+
+
+def pad_compliance(coupling, cells, size):
+    component = Component(
+        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)}, mesh=MeshSettings(size, 2, cells)
+    )
+    mesh = mesh_component(component, CLAMP)
+    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest(recovery=False))
+    return np.linalg.inv(element.stiffness)
+
+
+@pytest.mark.parametrize(("coupling", "cells"), [("average", "hex"), ("average", "tet"), ("rigid", "hex"), ("rigid", "tet")])
+def test_halving_the_element_size_changes_how_far_a_force_moves_a_patch_by_less_than_three_percent(coupling, cells):
+    coarse, fine = (np.diag(pad_compliance(coupling, cells, PAD.size[0] / count)) for count in (4, 8))
+    assert np.abs(coarse / fine - 1.0)[:3].max() < 0.03
+    if (coupling, cells) == ("average", "hex"):
+        # how far a moment tilts a patch needs finer elements: three percent here, five elsewhere (a stamp's edge stress has no bound)
+        assert np.abs(coarse / fine - 1.0).max() < 0.03
+
+
+def corner_facet(centers):
+    return (centers[:, 2] > SIZE[2] - 1e-9) & (np.abs(centers[:, :2]) < 0.015).all(axis=1)
+
+
+@pytest.mark.parametrize("coupling", ["rigid", "average"])
+def test_a_patch_of_one_facet_is_refused_with_a_remedy(make_box, coupling):
+    mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
+    assert len(mesh.patches["pad"]) == 1
+    component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)})
+    with pytest.raises(
+        ModelError, match=r"pad of component block is 1 facet\(s\).*larger patch or a finer mesh, or set force = true"
+    ):
+        reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+
+
+def test_a_patch_of_one_facet_is_kept_with_a_warning_when_forced(make_box):
+    mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
+    component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid", force=True)})
+    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    assert any("force = true" in warning for warning in element.warnings)
+
+
+def test_a_whole_face_that_is_one_facet_is_an_area(make_box):
+    mesh = make_box((1, 1, 2), SIZE, {"pad": "z+", "support:clamp": "z-"})
+    component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (Patch("z+"),))})
+    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    assert element.warnings == ()
+
+
+def point_compliance(make_box, counts):
+    mesh = make_box(counts, SIZE, {"support:clamp": "z-"}, kind="hex8")
+    middle = np.flatnonzero(np.linalg.norm(mesh.points - [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], axis=1) < 1e-9)
+    mesh = dataclasses.replace(mesh, patches=mesh.patches | {"pad": np.repeat(middle[:, None], 4, axis=1)})
+    component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid", force=True)})
+    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    return 1.0 / element.stiffness[2, 2], element
+
+
+def test_the_compliance_of_a_forced_point_grows_as_the_mesh_is_refined_and_says_so(make_box):
+    values = [point_compliance(make_box, (n, n, n // 2))[0] for n in (4, 8, 16)]
+    steps = np.diff(values)
+    # 1/h: every halving adds twice as much as the one before
+    assert 1.5 < steps[1] / steps[0] < 2.5
+    assert any("grows without bound" in warning for warning in point_compliance(make_box, (4, 4, 2))[1].warnings)
+
+
+def test_a_point_is_refused_unless_forced(make_box):
+    mesh = make_box((2, 2, 2), SIZE, {"support:clamp": "z-"})
+    mesh = dataclasses.replace(mesh, patches=mesh.patches | {"pad": np.full((1, 9), len(mesh.points) - 1)})
+    component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid")})
+    with pytest.raises(ModelError, match="a point or a line"):
+        reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())

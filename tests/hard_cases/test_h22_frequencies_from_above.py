@@ -1,0 +1,51 @@
+"""H22: a reduced frequency is never below the full one and falls with every mode kept."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.solvers.block_lanczos import ModeTarget
+
+COMM = MPI.COMM_SELF
+SIZE = (0.038, 0.1, 0.5)
+COUNTS = (0, 2, 5, 10, 20, 40)
+FLOOR = 1e-7
+
+
+@pytest.fixture(scope="module", params=["rigid", "average"])
+def frequencies(request, make_box, make_component, dense):
+    mesh = make_box((1, 2, 8), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
+    component = make_component({"foot": request.param, "tip": request.param}, size=SIZE)
+
+    def reduced(count):
+        element = reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count), recovery=False))
+        return dense.frequencies(element.stiffness, element.mass)[6:]
+
+    ladder = [reduced(count) for count in COUNTS]
+    # means leave the body as it is, rigid faces tie their points
+    basis, _ = dense.rigid_map(mesh, ["foot", "tip"] if request.param == "rigid" else [])
+    stiffness, mass = dense.pencil(mesh, component.material)
+    full = dense.frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)[6:]
+    return ladder, full
+
+
+def test_every_reduced_frequency_lies_above_the_full_one(frequencies):
+    ladder, full = frequencies
+    for found in ladder:
+        shared = min(len(found), len(full))
+        assert (found[:shared] >= full[:shared] * (1.0 - FLOOR)).all()
+
+
+def test_frequencies_fall_with_every_mode_kept(frequencies):
+    ladder, _ = frequencies
+    for coarse, fine in pairwise(ladder):
+        shared = min(len(coarse), len(fine))
+        assert (fine[:shared] <= coarse[:shared] * (1.0 + FLOOR)).all()
+
+
+def test_forty_modes_bring_the_first_ten_within_a_percent(frequencies):
+    ladder, full = frequencies
+    assert np.abs(ladder[-1][:10] / full[:10] - 1.0).max() < 1e-2

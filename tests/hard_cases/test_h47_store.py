@@ -1,0 +1,66 @@
+"""H47: what the store holds is believed only when it is whole and its key says the same of everything (more in test_store)."""
+
+import dataclasses
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from headstock.geometry.components import Component
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box
+from headstock.pipeline import content_keys
+from headstock.pipeline.content_keys import mesh_key, superelement_key
+from headstock.pipeline.store import SIGNATURE, USER_BLOCK, Store, entry_path, read_entry, write_entry
+from headstock.reduction.superelement import Superelement
+from headstock.validation.campaign_runs import check_files, finish_run, make_places, read_numbers
+from headstock.validation.sample_files import box_superelement
+
+KEY = "cd" + 62 * "1"
+COLUMN = Component("column", Box((0.1, 0.1, 0.5)), Material("steel", 2.1e11, 0.3, 7850.0))
+
+
+def test_another_version_of_a_library_or_of_our_own_code_is_another_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    def keys() -> tuple[str, str]:
+        return mesh_key(COLUMN, (), ()), superelement_key(COLUMN, (), (), with_modes=True, with_gravity=False)
+
+    before = keys()
+    monkeypatch.setattr(content_keys, "library_versions", lambda names: dict.fromkeys(names, "99"))
+    newer = keys()
+    monkeypatch.setattr(content_keys, "code_fingerprint", lambda package: "changed")
+    changed = keys()
+    assert len({before[0], newer[0], changed[0]}) == len({before[1], newer[1], changed[1]}) == 3
+
+
+def test_an_entry_of_another_kind_with_a_right_digest_is_computed_anew(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    write_entry(store, KEY, box_superelement())
+    path = entry_path(store, "superelement", KEY)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"stiffness")
+    content[place : place + 9] = b"stiffmess"
+    content[:USER_BLOCK] = (SIGNATURE + hashlib.sha256(content[USER_BLOCK:]).hexdigest().encode()).ljust(USER_BLOCK, b"\0")
+    path.write_bytes(content)
+    read = read_entry(store, KEY, Superelement)
+    assert read.value is None
+    assert read.warning is not None and "computed anew" in read.warning
+
+
+def test_a_key_holds_the_solid_to_twelve_digits() -> None:
+    longer = dataclasses.replace(COLUMN, solid=Box((0.1, 0.1, 0.500000000001)))
+    assert mesh_key(longer, (), ()) != mesh_key(COLUMN, (), ())
+
+
+def test_a_run_over_a_poisoned_store_finds_the_same_and_mends_it(tmp_path: Path) -> None:
+    places = make_places(tmp_path)
+    assert finish_run(places, "steel")[0] == 0
+    expected = read_numbers(places.results)
+    for path in places.store.rglob("*.h5"):
+        damaged = bytearray(path.read_bytes())
+        damaged[len(damaged) // 2] ^= 1
+        path.write_bytes(damaged)
+    for warned in (True, False):
+        assert finish_run(places, "steel")[0] == 0
+        assert read_numbers(places.results).equal(expected)
+        assert ("is damaged" in (places.results / "summary.json").read_text()) == warned
+    assert check_files(places.store) == []

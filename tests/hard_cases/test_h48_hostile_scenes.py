@@ -1,0 +1,77 @@
+"""H48: no scene file, however made, costs more than a second or 256 MiB, or ends in anything but a list of problems."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from headstock.validation.campaign_runs import SCENE
+from headstock.validation.scene_fuzz import MB_ALLOWED, SECONDS_ALLOWED, run_scene_fuzz
+
+PART = '[components.c{i}]\nsolid={{box=["1 m","1 m","1 m"]}}\nmaterial="steel"\nfidelity="rigid"\n[components.c{i}.interfaces]\na={{face="z-"}}\n'
+JOINT = '[joints.j{i}]\nbetween=["colunm{i}.foot","column.tipp{i}"]\nkind="rigid"\n'
+COLUMN = 'box = ["40 mm", "60 mm", "200 mm"]'
+RIBS = 'column = { size = ["400 mm", "600 mm", "2 m"], wall = "9 mm", cap = "9 mm", rib = "1e-9 mm", ribs_z = 10000000 }'
+
+
+def repeat(count: int, text: str) -> str:
+    return "".join(text.format(i=i) for i in range(count))
+
+
+HOSTILE: dict[str, Callable[[], str]] = {
+    "two megabytes": lambda: SCENE + "#" * (2 << 20),
+    "nested tables": lambda: SCENE + "x = " + "{a=" * 100_000,
+    "nested lists": lambda: SCENE + "x = " + "[" * 100_000 + "]" * 100_000,
+    "dotted key": lambda: ".".join("a" * 100_000) + " = 1",
+    "a million keys": lambda: "".join(f"k{i}=1\n" for i in range(100_000)),
+    "unknown keys": lambda: SCENE + "[limits]\n" + repeat(15_000, "k{i} = 1\n"),
+    "many variants": lambda: SCENE + repeat(4000, '[variants.v{i}]\n"components.column.fidelity" = "rigid"\n'),
+    "large variant": lambda: SCENE + "[variants.v]\n" + repeat(8000, '"components.column.interfaces.i{i}.face" = "z+"\n'),
+    "nested variants": lambda: SCENE.replace("[variants", "[poses") + "[variants]\n" + repeat(3000, 'v{i} = {{ "a.b" = {{}} }}\n'),
+    "unknown names": lambda: SCENE + repeat(3000, JOINT),
+    "floating parts": lambda: SCENE + repeat(1500, PART),
+    "ribs": lambda: SCENE.replace(COLUMN, RIBS),
+    "poses": lambda: SCENE + repeat(15_000, "[poses.p{i}]\n"),
+    "units": lambda: SCENE + repeat(3000, '[loads.l{i}]\nat="column.tip"\nforce=["1 N^{i}","0 N","0 N"]\n'),
+    "long unit": lambda: SCENE.replace("40 mm", "4 " + "m*" * 5000 + "m"),
+    "huge power": lambda: SCENE.replace("40 mm", "4 m**9**9**9"),
+    "huge integer": lambda: SCENE.replace("modes = 8", "modes = " + "9" * 4000),
+    "byte order mark": lambda: "\ufeff" + SCENE,
+    "NO and 1e3": lambda: SCENE.replace("modes = 8", "modes = NO") + "x = 1e3\n",
+    "duplicate keys": lambda: SCENE + '[materials.steel]\nE = "1 GPa"\n',
+    "python tag": lambda: SCENE + 'x = !!python/object/apply:os.system ["true"]\n',
+}
+TRY = """
+import json, resource, sys, time
+from pathlib import Path
+from headstock.validation.scene_fuzz import try_scene
+start = time.process_time()
+ending = try_scene(Path(sys.argv[1]), ())
+seconds = time.process_time() - start
+print(json.dumps([ending, seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]))
+"""
+MEANT_TO_LOAD = {"many variants", "large variant"}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_scene_is_answered_within_a_second_and_256_mebibytes(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(HOSTILE[name]())
+    done = subprocess.run([sys.executable, "-c", TRY, str(path)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    ending, seconds, megabytes = json.loads(done.stdout)
+    assert (ending == "refused") == (name not in MEANT_TO_LOAD)
+    assert seconds < SECONDS_ALLOWED
+    assert megabytes < MB_ALLOWED
+
+
+def test_a_thousand_damaged_scenes_load_or_are_refused(tmp_path: Path) -> None:
+    outcome = run_scene_fuzz(1000, seed=48, root=tmp_path, on_trial=lambda _: None)
+    assert outcome.faults == []
+    assert outcome.trials == 1000
+    assert outcome.slowest_seconds < SECONDS_ALLOWED
+    assert outcome.happened["refused"] > 500
+    assert outcome.happened["loaded and planned"] > 20

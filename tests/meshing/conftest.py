@@ -1,0 +1,22 @@
+from collections.abc import Callable
+
+import pytest
+
+from headstock.geometry.components import Component, Interface, MeshSettings, Patch
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Solid
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+Patches = Patch | tuple[Patch, ...]
+
+
+@pytest.fixture
+def make_component() -> Callable[..., Component]:
+    def make(solid: Solid, patches: dict[str, Patches] | None = None, *, force: bool = False, **mesh: object) -> Component:
+        interfaces = {
+            name: Interface(name, patch if isinstance(patch, tuple) else (patch,), force=force)
+            for name, patch in (patches or {}).items()
+        }
+        return Component("part", solid, STEEL, interfaces=interfaces, mesh=MeshSettings(**mesh))  # type: ignore[arg-type]
+
+    return make

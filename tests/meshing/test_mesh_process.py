@@ -1,0 +1,40 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from headstock.meshing.errors import MeshError
+from headstock.meshing.mesh_job import MeshJob
+from headstock.meshing.mesh_process import run_job
+
+BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
+
+
+def test_child_that_needs_more_memory_than_allowed_is_named() -> None:
+    job = MeshJob("shape", BOX, size=6.0, straight=True, memory_bytes=350 << 20)
+    with pytest.raises(MeshError, match=r"column: .*memory"):
+        run_job(job, what="column", time_limit=60.0)
+
+
+def test_child_does_not_import_from_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "gmsh.py").write_text("raise SystemExit(9)")
+    monkeypatch.chdir(tmp_path)
+    data = run_job(MeshJob("describe", BOX, size=50.0, straight=True), what="column", time_limit=60.0)
+    assert data.properties is not None
+    assert data.properties.volume == pytest.approx(4e6)
+
+
+def test_child_does_not_see_the_mpi_launcher(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "4")
+    monkeypatch.setenv("PMIX_NAMESPACE", "nowhere")
+    seen: dict[str, str] = {}
+
+    def record(command: list[str], *, env: dict[str, str], **_: object) -> None:
+        seen.update(env)
+        raise OSError("recorded")
+
+    monkeypatch.setattr("subprocess.run", record)
+    with pytest.raises(OSError, match="recorded"):
+        run_job(MeshJob("describe", BOX), what="column", time_limit=1.0)
+    assert not any(name.startswith(("OMPI_", "PMIX_")) for name in seen)
+    assert seen["PATH"] == os.environ["PATH"]

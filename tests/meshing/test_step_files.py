@@ -1,0 +1,251 @@
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+from headstock.geometry.components import Component, Patch
+from headstock.geometry.solids import StepFile
+from headstock.meshing.cad_survey import doubt_size, read_length_unit, survey_step
+from headstock.meshing.component_meshing import describe_component, estimate_cells, mesh_component
+from headstock.meshing.element_quality import scaled_jacobians
+from headstock.meshing.errors import MeshError
+from headstock.meshing.mesh_checks import patch_moments
+
+Make = Callable[..., Component]
+HOLE_AREA = 3 * np.pi * 6.0**2
+BLOCK_VOLUME = (60 * 40 - HOLE_AREA) * 20 * 1e-9
+
+
+@pytest.fixture
+def kernel() -> Iterator[None]:
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("General.NumThreads", 1)
+    yield
+    gmsh.finalize()
+
+
+def add_drilled_block() -> None:
+    """A block of 60 x 40 x 20 with holes that leave walls of 0.3: coarse curved elements invert there."""
+    occ = gmsh.model.occ
+    block = occ.addBox(0, 0, 0, 60, 40, 20)
+    holes = [(3, occ.addCylinder(15, y, -1, 0, 0, 22, 6)) for y in (6.3, 20, 33.7)]
+    occ.cut([(3, block)], holes)
+    occ.synchronize()
+
+
+@pytest.fixture
+def drilled(tmp_path: Path, kernel: None) -> Path:
+    add_drilled_block()
+    gmsh.write(str(tmp_path / "drilled.step"))
+    return tmp_path / "drilled.step"
+
+
+@pytest.fixture
+def pair(tmp_path: Path, kernel: None) -> Path:
+    left = gmsh.model.occ.addBox(0, 0, 0, 10, 10, 10)
+    right = gmsh.model.occ.addBox(50, 0, 0, 20, 10, 10)
+    gmsh.model.occ.synchronize()
+    gmsh.model.setEntityName(3, left, "left")
+    gmsh.model.setEntityName(3, right, "right")
+    gmsh.write(str(tmp_path / "pair.step"))
+    return tmp_path / "pair.step"
+
+
+def test_inverted_curved_elements_are_repaired_and_counted(make_component: Make, drilled: Path) -> None:
+    mesh = mesh_component(make_component(StepFile(drilled), {"foot": Patch("z-"), "bore": Patch("face:7")}, size=0.01))
+    assert mesh.quality.repaired > 5
+    assert mesh.quality.minimum_scaled_jacobian >= 1e-3
+    assert not mesh.straight
+    assert mesh.quality.volume == pytest.approx(BLOCK_VOLUME, rel=1e-3)
+    areas, centroids = patch_moments(mesh.points, mesh.patches)
+    assert areas["foot"] == pytest.approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-3)
+    assert areas["bore"] == pytest.approx(mesh.quality.cad_areas["bore"], rel=1e-3)
+    assert centroids["foot"][2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_every_inverted_element_is_found_as_by_gmsh_itself(kernel: None) -> None:
+    add_drilled_block()
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 6.0)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    elements, nodes = gmsh.model.mesh.getElementsByType(11)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    quality = scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 10), "tet10")
+    theirs = np.array(gmsh.model.mesh.getElementQualities(elements, "minDetJac"))
+    assert (theirs <= 0.0).sum() > 5
+    assert np.array_equal(quality <= 0.0, theirs <= 0.0)
+
+
+def test_step_file_is_described_in_metres(make_component: Make, drilled: Path) -> None:
+    found = describe_component(make_component(StepFile(drilled), {"foot": Patch("z-")}))
+    assert found.volume == pytest.approx(BLOCK_VOLUME, rel=1e-8)
+    assert found.patch_areas["foot"] == pytest.approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-8)
+    assert found.center[1] == pytest.approx(0.02, rel=1e-9)
+
+
+def test_file_in_inches_is_read_in_inches(make_component: Make, drilled: Path, tmp_path: Path) -> None:
+    text = drilled.read_text()
+    assert text.count("SI_UNIT(.MILLI.,.METRE.)") == 1
+    number = text[: text.index("SI_UNIT(.MILLI.,.METRE.)")].rsplit("#", 1)[1].split("=")[0].strip()
+    start = text.rindex(f"#{number}", 0, text.index("SI_UNIT(.MILLI.,.METRE.)"))
+    end = text.index(";", start) + 1
+    inch = (
+        f"#{number} = ( CONVERSION_BASED_UNIT('INCH',#90001) LENGTH_UNIT() NAMED_UNIT(#90002) );\n"
+        "#90001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#90003);\n"
+        "#90002 = DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);\n"
+        "#90003 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"
+    )
+    (tmp_path / "inch.step").write_text(text[:start] + inch + text[end:])
+    found = describe_component(make_component(StepFile(tmp_path / "inch.step")))
+    assert found.volume == pytest.approx(BLOCK_VOLUME * 25.4**3, rel=1e-6)
+
+
+def test_solid_is_chosen_by_number(make_component: Make, pair: Path) -> None:
+    assert describe_component(make_component(StepFile(pair, 1))).volume == pytest.approx(1e-6, rel=1e-9)
+    assert describe_component(make_component(StepFile(pair, 2))).volume == pytest.approx(2e-6, rel=1e-9)
+
+
+def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
+    with pytest.raises(MeshError) as caught:
+        describe_component(make_component(StepFile(pair)))
+    listed = str(caught.value)
+    assert "2 solids" in listed
+    name = listed.split("2: ")[1].split(")")[0]
+    assert describe_component(make_component(StepFile(pair, name))).volume == pytest.approx(2e-6, rel=1e-9)
+    with pytest.raises(MeshError, match="0 solids named 'middle'"):
+        describe_component(make_component(StepFile(pair, "middle")))
+    with pytest.raises(MeshError, match="no solid number 3"):
+        describe_component(make_component(StepFile(pair, 3)))
+
+
+def test_imprints_work_on_step_faces(make_component: Make, drilled: Path) -> None:
+    disk = Patch("x+", "disk", (0.06, 0.02, 0.01), (0.008,))
+    mesh = mesh_component(make_component(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01))
+    areas, centroids = patch_moments(mesh.points, mesh.patches)
+    assert areas["pad"] == pytest.approx(np.pi * 0.004**2, rel=1e-3)
+    assert np.allclose(centroids["pad"], [0.06, 0.02, 0.01], atol=1e-6)
+    assert areas["end"] == pytest.approx(0.04 * 0.02, rel=1e-9)
+
+
+def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(make_component: Make, drilled: Path) -> None:
+    component = make_component(StepFile(drilled), {"foot": Patch("z-")}, size=0.004)
+    assert 0.5 < estimate_cells(component) / len(mesh_component(component).cells) < 2.0
+
+
+def test_h11_step_mesh_beyond_the_budget_is_refused_before_meshing(make_component: Make, drilled: Path) -> None:
+    with pytest.raises(MeshError, match=r"more than the budget.*mesh size of"):
+        mesh_component(make_component(StepFile(drilled), {"foot": Patch("z-")}, size=1e-5))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "no file"),
+        (b"solid x", "not a STEP file"),
+        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", ""),
+    ],
+)
+def test_files_that_are_no_solid_are_refused(make_component: Make, tmp_path: Path, content: bytes | None, words: str) -> None:
+    path = tmp_path / "part.step"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MeshError, match=words):
+        describe_component(make_component(StepFile(path)))
+
+
+def test_file_of_surfaces_only_is_refused(make_component: Make, tmp_path: Path, kernel: None) -> None:
+    gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "sheet.step"))
+    with pytest.raises(MeshError, match="holds no solid"):
+        describe_component(make_component(StepFile(tmp_path / "sheet.step")))
+
+
+SUPPORT = Path(__file__).parent.parent / "data" / "support.step"
+COLUMN = Path(__file__).parent.parent.parent / "machines" / "step_column.step"
+
+
+def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_and_counted(make_component: Make) -> None:
+    bounding_box = 0.0685  # the mesh of a 25th of it has inverted elements as gmsh leaves it
+    component = make_component(StepFile(SUPPORT), {"foot": Patch("z-"), "top": Patch("z+")}, size=bounding_box / 25)
+    mesh = mesh_component(component)
+    assert mesh.quality.repaired > 0
+    assert mesh.quality.minimum_scaled_jacobian >= 1e-3
+    assert mesh.quality.volume == pytest.approx(1.741e-5, rel=1e-3)
+    assert mesh.quality.volume == pytest.approx(mesh.quality.cad_volume, rel=1e-3)
+    areas, _ = patch_moments(mesh.points, mesh.patches)
+    assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
+
+
+def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(make_component: Make) -> None:
+    component = make_component(StepFile(COLUMN), {"foot": Patch("z-"), "rail": Patch("face:115")}, size=0.05)
+    estimate = estimate_cells(component)
+    mesh = mesh_component(component)
+    assert 0.5 < estimate / len(mesh.cells) < 2.0
+    assert len(mesh.cells) < 60_000
+    assert mesh.quality.volume == pytest.approx(mesh.quality.cad_volume, rel=1e-3)
+    areas, _ = patch_moments(mesh.points, mesh.patches)
+    assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
+    assert areas["rail"] == pytest.approx(0.056 * 0.78, rel=1e-9)
+
+
+def test_a_fine_curved_patch_does_not_refine_the_whole_part(make_component: Make) -> None:
+    coarse = mesh_component(make_component(StepFile(SUPPORT), {"foot": Patch("z-")}, size=0.004))
+    screw = {"foot": Patch("z-"), "screw": (Patch("face:8"), Patch("face:35"))}  # 3 mm in diameter
+    with_screw = mesh_component(make_component(StepFile(SUPPORT), screw, size=0.004))
+    assert len(with_screw.cells) < 1.2 * len(coarse.cells)
+
+
+def test_a_survey_lists_every_face_with_area_and_outward_normal(drilled: Path) -> None:
+    survey = survey_step(StepFile(drilled))
+    assert survey.size == pytest.approx((0.06, 0.04, 0.02), rel=1e-6)
+    assert survey.unit == "mm"
+    planes = [face for face in survey.faces if face.kind == "plane"]
+    assert len(planes) == 6
+    for face in planes:
+        outward = np.array(face.center) - [0.03, 0.02, 0.01]
+        assert outward @ np.array(face.normal) == pytest.approx(np.abs(outward).max(), rel=1e-6)
+    bores = [face for face in survey.faces if face.kind == "cylinder"]
+    assert [face.radius for face in bores] == pytest.approx([0.006] * 3, rel=1e-6)
+    assert all(face.hollow for face in bores)
+    assert sorted(face.axis_point[1] for face in bores) == pytest.approx([0.0063, 0.02, 0.0337], rel=1e-6)
+    assert sum(face.area for face in bores) == pytest.approx(3 * 2 * np.pi * 0.006 * 0.02, rel=1e-6)
+
+
+def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
+    survey = survey_step(StepFile(drilled))
+    a, b, c = (survey.points[survey.triangles[:, i]] for i in range(3))
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+    polygon = 1.0 - 12 / (2 * np.pi) * np.sin(2 * np.pi / 12)  # what an inscribed 12-gon leaves of a hole's circle
+    assert BLOCK_VOLUME < volume < BLOCK_VOLUME + polygon * HOLE_AREA * 20e-9
+    assert set(survey.owners) == {face.number for face in survey.faces}
+
+
+@pytest.mark.parametrize(
+    ("unit", "name"),
+    [
+        ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )", "mm"),
+        ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )", "m"),
+        ("( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) ); #4 = SI_UNIT(.MILLI.,.METRE.)", "inch"),
+    ],
+)
+def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> None:
+    path = tmp_path / "part.step"
+    path.write_text(f"ISO-10303-21;\n#1 = {unit};\n")
+    assert read_length_unit(path) == name
+
+
+def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_mm(tmp_path: Path) -> None:
+    path = tmp_path / "part.step"
+    path.write_text("ISO-10303-21;\n#1 = ( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) );\n")
+    doubt = doubt_size(path, 5.08)
+    assert doubt is not None
+    assert "reads as 5.08 m long" in doubt
+    assert "inch" in doubt
+    assert "0.2 m if the numbers are in mm" in doubt
+    assert doubt_size(path, 0.5) is None

@@ -1,0 +1,278 @@
+"""What runs is what was planned, and nothing is computed twice."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import Frame
+from headstock.geometry.joints import Joint, JointEnd
+from headstock.geometry.machines import Machine, Point, Pose
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box, SuperelementFile
+from headstock.pipeline import component_stages
+from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene import Analyses, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.store import Store
+from headstock.pipeline.superelement_files import write_superelement
+from headstock.reduction import elastic_reduction
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")}
+SPRING = np.diag([1e8, 1e8, 2e8, 1e6, 1e6, 1e6])
+
+
+def make_block(name: str, height: float, fidelity: Any = "elastic") -> Component:
+    return Component(
+        name,
+        Box((0.05, 0.05, height)),
+        STEEL,
+        interfaces=INTERFACES,
+        fidelity=fidelity,
+        mesh=MeshSettings(size=0.05),
+        reduction=ReductionSettings(modes=4),
+    )
+
+
+def make_scene(*, static: bool = True, modal: bool = True) -> Scene:
+    """A rigid base on springs and an elastic column on it."""
+    base, column = make_block("base", 0.1, "rigid"), make_block("column", 0.2)
+    column = dataclasses.replace(column, placement=Frame(np.array([0.0, 0.0, 0.1])))
+    joints = {
+        "mount": Joint("mount", (JointEnd(), JointEnd("base", "foot")), "spring", stiffness=SPRING),
+        "guide": Joint("guide", (JointEnd("base", "tip"), JointEnd("column", "foot")), "spring", stiffness=SPRING),
+    }
+    points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
+    machine = Machine("machine", {"base": base, "column": column}, joints, points)
+    analyses = Analyses(StaticRequest(("tcp",)) if static else None, ModalRequest(count=8) if modal else None)
+    return Scene("machine", Path("machine.toml"), machine, {"reference": Pose("reference")}, analyses, frozenset(), (), {})
+
+
+def change_machine(scene: Scene, **changes: Any) -> Scene:
+    return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, **changes))
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names the components that were really meshed and really reduced."""
+    made: list[str] = []
+
+    def record(what: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def recorded(component: Component, *arguments: Any, **options: Any) -> Any:
+            made.append(f"{what} {component.name}")
+            return function(component, *arguments, **options)
+
+        return recorded
+
+    monkeypatch.setattr(component_stages, "mesh_component", record("mesh", component_stages.mesh_component))
+    monkeypatch.setattr(elastic_reduction, "reduce_elastic", record("reduce", elastic_reduction.reduce_elastic))
+    return made
+
+
+def run(scene: Scene, folder: Path) -> Results:
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def frequencies(results: Results) -> Any:
+    return results.modal[0].frequencies_hz
+
+
+@pytest.mark.parametrize(("static", "modal"), [(True, True), (True, False), (False, True)])
+def test_what_ran_equals_what_was_planned(tmp_path: Path, calls: list[str], static: bool, modal: bool) -> None:
+    scene = make_scene(static=static, modal=modal)
+    results = run(scene, tmp_path)
+    assert tuple(record.stage for record in results.stages) == plan_scene(scene).stages
+    assert calls == ["mesh column", "reduce column"]
+
+
+def test_a_rigid_machine_calls_no_mesher_and_loads_no_elastic_module(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} was loaded")
+
+    monkeypatch.setattr(component_stages, "importlib", SimpleNamespace(import_module=refuse))
+    scene = make_scene()
+    column = dataclasses.replace(scene.machine.components["column"], fidelity="rigid")
+    run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    assert calls == []
+
+
+def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(tmp_path: Path) -> None:
+    results = run(make_scene(modal=False), tmp_path)
+    assert results.components["column"].reduced_dofs == 12
+    assert results.components["column"].mass_kg == pytest.approx(7850 * 0.05 * 0.05 * 0.2, rel=1e-9)
+
+
+def test_static_compliance_does_not_depend_on_the_modes_that_are_kept(tmp_path: Path) -> None:
+    alone, with_modes = (run(make_scene(modal=modal), tmp_path).static["reference"]["tcp"] for modal in (False, True))
+    np.testing.assert_allclose(alone.compliance, with_modes.compliance, rtol=1e-9, atol=1e-9 * np.abs(alone.compliance).max())
+
+
+def test_the_budget_of_every_direction_sums_to_one_and_names_all_parts(tmp_path: Path) -> None:
+    point = run(make_scene(), tmp_path).static["reference"]["tcp"]
+    assert set(point.budget) == {"x", "y", "z"}
+    for shares in point.budget.values():
+        assert {"column", "guide", "mount"} <= set(shares)
+        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+    assert "%" in point.sentence
+
+
+def test_every_mode_has_a_name_and_energy_shares(tmp_path: Path) -> None:
+    modes = run(make_scene(), tmp_path).modal[0]
+    assert len(modes.frequencies_hz) == 8
+    assert all(modes.mode_names)
+    for shares in (*modes.energy_share, *modes.kinetic_share):
+        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_an_unchanged_scene_is_not_meshed_or_reduced_again_and_comes_out_the_same(tmp_path: Path, calls: list[str]) -> None:
+    first = run(make_scene(), tmp_path)
+    calls.clear()
+    second = run(make_scene(), tmp_path)
+    assert calls == []
+    assert [record.cached for record in second.stages if record.stage.kind in {"mesh", "reduce"}] == [True, True]
+    np.testing.assert_array_equal(frequencies(second), frequencies(first))
+    np.testing.assert_array_equal(second.modal[0].displacements["column"], first.modal[0].displacements["column"])
+
+
+def test_another_joint_stiffness_or_place_needs_no_reduction(tmp_path: Path, calls: list[str]) -> None:
+    scene = make_scene()
+    first = run(scene, tmp_path)
+    calls.clear()
+    softer = dataclasses.replace(scene.machine.joints["guide"], stiffness=SPRING / 2)
+    second = run(change_machine(scene, joints={**scene.machine.joints, "guide": softer}), tmp_path)
+    assert calls == []
+    assert frequencies(second)[0] < frequencies(first)[0]
+
+
+def test_changing_one_component_reduces_only_that_one(tmp_path: Path, calls: list[str]) -> None:
+    scene = make_scene()
+    base = dataclasses.replace(scene.machine.components["base"], fidelity="elastic")
+    scene = change_machine(scene, components={**scene.machine.components, "base": base})
+    run(scene, tmp_path)
+    assert calls == ["mesh base", "reduce base", "mesh column", "reduce column"]
+    calls.clear()
+    column = dataclasses.replace(scene.machine.components["column"], material=dataclasses.replace(STEEL, youngs_modulus=100e9))
+    run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    # its mesh is the old one: the material plays no part in it
+    assert calls == ["reduce column"]
+
+
+def test_equal_components_are_reduced_once(tmp_path: Path, calls: list[str]) -> None:
+    scene = make_scene()
+    twin = dataclasses.replace(scene.machine.components["column"], name="twin", placement=Frame(np.array([1.0, 0.0, 0.1])))
+    joint = Joint("twin_foot", (JointEnd("base", "tip"), JointEnd("twin", "foot")), "spring", stiffness=SPRING)
+    machine = {"components": {**scene.machine.components, "twin": twin}, "joints": {**scene.machine.joints, "twin_foot": joint}}
+    results = run(change_machine(scene, **machine), tmp_path)
+    assert calls == ["mesh column", "reduce column"]
+    assert set(results.components) == {"base", "column", "twin"}
+
+
+def test_a_damaged_store_entry_is_computed_anew_with_a_warning(tmp_path: Path, calls: list[str]) -> None:
+    first = run(make_scene(), tmp_path)
+    calls.clear()
+    (entry,) = (tmp_path / "store" / "reducedcomponent").rglob("*.h5")
+    content = bytearray(entry.read_bytes())
+    content[len(content) // 2] ^= 1
+    entry.write_bytes(bytes(content))
+    second = run(make_scene(), tmp_path)
+    assert calls == ["reduce column"]
+    assert any("damaged" in warning for warning in second.warnings)
+    np.testing.assert_allclose(frequencies(second), frequencies(first), rtol=1e-12)
+    assert not run(make_scene(), tmp_path).warnings
+
+
+def test_a_store_that_cannot_be_written_costs_no_result(tmp_path: Path) -> None:
+    (tmp_path / "store").write_text("a file in the way")
+    results = run(make_scene(), tmp_path)
+    assert len(results.modal) == 1
+    assert any("cannot be written" in warning for warning in results.warnings)
+
+
+def test_an_imported_superelement_gives_what_the_component_itself_gives(tmp_path: Path, calls: list[str]) -> None:
+    scene = make_scene()
+    direct = run(scene, tmp_path)
+    calls.clear()
+    column = scene.machine.components["column"]
+    reduced = elastic_reduction.reduce_elastic(column, component_stages.mesh_component(column), comm=MPI.COMM_SELF)
+    write_superelement(tmp_path / "column.h5", reduced)
+    calls.clear()
+    imported = dataclasses.replace(column, solid=SuperelementFile(tmp_path / "column.h5"))
+    results = run(change_machine(scene, components={**scene.machine.components, "column": imported}), tmp_path)
+    assert calls == []
+    np.testing.assert_allclose(frequencies(results), frequencies(direct), rtol=1e-9)
+    assert results.components["column"].fidelity == "superelement"
+
+
+def test_a_mechanism_is_refused_by_the_static_analysis_and_shown_by_the_modal_one(tmp_path: Path) -> None:
+    scene = make_scene()
+    slide = dataclasses.replace(scene.machine.joints["mount"], stiffness=np.diag([0.0, 1e8, 2e8, 1e6, 1e6, 1e6]))
+    results = run(change_machine(scene, joints={**scene.machine.joints, "mount": slide}), tmp_path)
+    assert results.static == {}
+    assert len(results.failures) == 1 and "static" in results.failures[0]
+    assert results.modal[0].rigid_count == 1
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> None:
+    scene = dataclasses.replace(make_scene(modal=False), effects=frozenset({"gravity"}))
+    rigid = {name: dataclasses.replace(part, fidelity="rigid") for name, part in scene.machine.components.items()}
+    point = run(change_machine(scene, components=rigid), tmp_path).static["reference"]["tcp"]
+    weights = [7850 * 0.05 * 0.05 * height * 9.80665 for height in (0.1, 0.2)]
+    assert point.displacement is not None
+    assert point.displacement[2] == pytest.approx(-(sum(weights) + weights[1]) / 2e8, rel=1e-9)
+
+
+def test_a_static_force_moves_the_point_by_its_compliance(tmp_path: Path) -> None:
+    force = Load("push", "column", "force", interface="tip", vector=(100.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    point = run(change_machine(make_scene(modal=False), loads={"push": force}), tmp_path).static["reference"]["tcp"]
+    assert point.displacement is not None
+    np.testing.assert_allclose(point.displacement, 100.0 * point.compliance[:, 0], rtol=1e-9, atol=1e-15)
+
+
+def test_a_failing_stage_leaves_earlier_results_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(make_scene(), tmp_path)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+    def fail(*arguments: Any, **options: Any) -> None:
+        raise HeadstockError("no mesh today")
+
+    monkeypatch.setattr(component_stages, "mesh_component", fail)
+    scene = make_scene()
+    column = dataclasses.replace(scene.machine.components["column"], mesh=MeshSettings(size=0.04))
+    with pytest.raises(HeadstockError, match="no mesh today"):
+        run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: Path) -> None:
+    scene = make_scene()
+    column = dataclasses.replace(scene.machine.components["column"], reduction=ReductionSettings(modes=1))
+    analyses = Analyses(modal=ModalRequest(count=13))
+    scene = dataclasses.replace(change_machine(scene, components={**scene.machine.components, "column": column}), analyses=analyses)
+    assert any("complete up to" in warning for warning in run(scene, tmp_path).warnings)
+    assert not any("complete up to" in warning for warning in run(make_scene(), tmp_path).warnings)
+
+
+def test_stages_are_reported_as_they_end_with_their_cost(tmp_path: Path) -> None:
+    seen: list[str] = []
+    results = run_scene(
+        make_scene(),
+        tmp_path / "out",
+        comm=MPI.COMM_SELF,
+        store=Store(tmp_path / "store"),
+        observer=lambda record: seen.append(record.stage.kind),
+    )
+    assert seen == [record.stage.kind for record in results.stages]
+    assert all(record.seconds >= 0.0 and record.peak_rss_mb > 10.0 for record in results.stages)

@@ -1,0 +1,60 @@
+"""An exported superelement serves another scene as the component itself would."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.store import Store
+from headstock.pipeline.superelement_export import export_superelement
+from headstock.solvers.errors import ModelError
+
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.column]
+SOLID
+at = ["100 mm", "0 mm", "0 mm"]
+rotate = { axis = "z", angle = "30 deg" }
+[joints.clamp]
+between = ["column.foot", "ground"]
+kind = "spring"
+stiffness = { x = "200 N/um", y = "100 N/um", z = "300 N/um", rx = "1e6 N m/rad", ry = "1e6 N m/rad", rz = "1e6 N m/rad" }
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 8
+"""
+ELASTIC = """solid = { box = ["38 mm", "100 mm", "500 mm"] }
+material = "steel"
+mesh = { size = "30 mm" }
+reduction = { modes = 10 }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }"""
+
+
+def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    elastic, imported = tmp_path / "elastic.toml", tmp_path / "imported.toml"
+    elastic.write_text(SCENE.replace("SOLID", ELASTIC))
+    scene = load_scene(elastic)
+    export_superelement(scene, "column", tmp_path / "column.h5", comm=MPI.COMM_SELF, store=store)
+    imported.write_text(SCENE.replace("SOLID", 'solid = { superelement = "column.h5" }'))
+    first = run_scene(scene, tmp_path / "a", comm=MPI.COMM_SELF, store=store)
+    second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
+    assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
+    given, found = (results.static["reference"]["tcp"].compliance for results in (first, second))
+    assert np.abs(found - given).max() <= 1e-12 * np.abs(given).max()
+
+
+def test_a_component_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    scene_file = tmp_path / "elastic.toml"
+    scene_file.write_text(SCENE.replace("SOLID", ELASTIC))
+    with pytest.raises(ModelError, match="no component 'colum'; components: column"):
+        export_superelement(load_scene(scene_file), "colum", tmp_path / "x.h5", comm=MPI.COMM_SELF, store=Store(tmp_path / "s"))

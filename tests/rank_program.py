@@ -1,0 +1,104 @@
+"""Reduces small bodies on however many ranks there are and writes what came out; run by test_ranks.py under mpirun."""
+
+import dataclasses
+import sys
+import traceback
+from pathlib import Path
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.components import Component, Interface, Load, Patch, ReductionSettings, Support
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.mesh_surface import extract_surface
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.block_lanczos import ModeTarget
+from headstock.solvers.sturm_count import count_frequencies_below
+from headstock.validation.full_models import full_displacement, full_model, full_modes
+from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
+
+COMM = MPI.COMM_WORLD
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+OIL = Load("oil", "body", "pressure", (Patch("x+"),), magnitude=1e6)
+
+
+def box(counts, size, kind, **groups: str) -> ComponentMesh:
+    mesh = lattice_mesh(straight_lattice(counts, size), kind, straight=True)
+    surface = extract_surface(mesh.cells, mesh.kind)
+    centers = mesh.points[surface.facets[:, : surface.corners]].mean(axis=1)
+    patches = {}
+    for name, side in groups.items():
+        axis = "xyz".index(side[0])
+        level = 0.0 if side[1] == "-" else size[axis]
+        patches[name.replace("__", ":")] = surface.facets[np.abs(centers[:, axis] - level) < 1e-9]
+    return dataclasses.replace(mesh, patches=patches)
+
+
+def reduced(mesh, couplings, count, supports=(), loads=(), gravity=True):
+    interfaces = {name: Interface(name, (Patch("z+"),), coupling) for name, coupling in couplings.items()}
+    component = Component("body", Box((1.0, 1.0, 1.0)), STEEL, interfaces=interfaces, reduction=ReductionSettings(modes=count))
+    request = ReductionRequest(ModeTarget(count=count), gravity=gravity)
+    element = reduce_elastic(component, mesh, supports, loads, comm=COMM, request=request)
+    check_superelement(element)
+    return element
+
+
+def report(name, element, found):
+    """Frequencies, static response of the second interface with the first held, mass, and recovered points on rank 0."""
+    count = len(element.stiffness)
+    found[f"{name}.frequencies"] = np.sqrt(np.abs(scipy.linalg.eigvalsh(element.stiffness, element.mass)))[6:] / (2.0 * np.pi)
+    free = np.arange(6, count)
+    found[f"{name}.compliance"] = np.linalg.inv(element.stiffness[np.ix_(free, free)])[:6, :6]
+    found[f"{name}.mass"] = np.array([element.mass_kg, *element.center_of_mass, *np.diag(element.inertia)])
+    if COMM.rank == 0:
+        for load, vector in element.loads.items():
+            answer = np.zeros(count)
+            answer[6:] = np.linalg.solve(element.stiffness[np.ix_(free, free)], vector.vector[6:])
+            found[f"{name}.moved by {load}"] = element.recovery @ answer + vector.particular.ravel()
+
+
+def main(path: Path) -> None:
+    found: dict[str, np.ndarray] = {}
+    column = box((2, 3, 8), (0.04, 0.1, 0.5), "tet10", foot="z-", tip="z+", load__oil="x+")
+    report("rigid", reduced(column, {"foot": "rigid", "tip": "rigid"}, 10, loads=(OIL,)), found)
+    report("average", reduced(column, {"foot": "average", "tip": "average"}, 10, loads=(OIL,)), found)
+    report(
+        "one cell",
+        reduced(box((1, 1, 1), (0.1, 0.1, 0.1), "hex27", foot="z-", tip="z+"), {"foot": "rigid", "tip": "rigid"}, 9),
+        found,
+    )
+    two = box((1, 1, 2), (0.1, 0.12, 0.2), "hex27", foot="z-", tip="z+")
+    report("two cells", reduced(two, {"foot": "rigid", "tip": "average"}, 10_000), found)
+    slide = (Support("slide", "body", (Patch("y-"),), ("y",)),)
+    half = box((2, 2, 4), (0.1, 0.1, 0.3), "hex27", foot="z-", tip="z+", support__slide="y-")
+    plane = reduced(half, {"foot": "average", "tip": "average"}, 5, slide)
+    found["plane.frequencies"] = plane.modal_frequencies_hz
+    square = box((2, 2, 5), (0.1, 0.1, 0.5), "hex27")
+    model = full_model(square, STEEL, comm=COMM)
+    modes = full_modes(model, 6)
+    found["free.frequencies"] = modes.frequencies_hz
+    below = 0.5 * (modes.frequencies_hz[1] + modes.frequencies_hz[2])
+    found["free.count"] = np.array([count_frequencies_below(model.operators, model.owned_held, below)])
+    # bending twins: only the plane they span is defined, so its projector is compared
+    twins = model.everywhere(modes.shapes[:, :2]).reshape(-1, 2)
+    found["free.plane"] = (twins @ twins.T)[:60, :60] / np.linalg.norm(twins) ** 2
+    held = np.repeat((square.points[:, 2] < 1e-9)[:, None], 3, axis=1)
+    loads = np.zeros((len(square.points), 3))
+    loads[-1] = [1.0, 2.0, 3.0]
+    found["held.displacement"] = full_displacement(full_model(square, STEEL, comm=COMM, held=held), loads)
+    if COMM.rank == 0:
+        np.savez(path, **found)
+
+
+if __name__ == "__main__":
+    try:
+        main(Path(sys.argv[1]))
+    except BaseException:
+        # one rank's failure must not leave the others waiting
+        traceback.print_exc()
+        sys.stderr.flush()
+        COMM.Abort(1)

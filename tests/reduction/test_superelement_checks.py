@@ -1,0 +1,60 @@
+"""Every broken superelement is refused by name; sound ones pass."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.errors import AccuracyError
+from headstock.validation.lumped_machines import rigid_body, two_node_body
+
+PART = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))[1]
+E_X = np.eye(12)[0]
+
+
+def off(matrix, row, column, share):
+    changed = matrix.copy()
+    changed[row, column] += share * np.abs(matrix).max()
+    return changed
+
+
+BROKEN = {
+    "unsymmetric stiffness": ({"stiffness": off(PART.stiffness, 0, 7, 1e-9)}, "stiffness is unsymmetric"),
+    "unsymmetric mass": ({"mass": off(PART.mass, 1, 2, 1e-9)}, "mass is unsymmetric"),
+    "grounded": ({"stiffness": off(PART.stiffness, 0, 0, 1e-6)}, "rigid motion"),
+    "indefinite stiffness": ({"stiffness": off(PART.stiffness, 3, 3, -0.9)}, "stiffness has a negative direction"),
+    "indefinite mass": ({"mass": off(PART.mass, 5, 5, -0.9)}, "mass has a negative direction"),
+    "lost mass": ({"mass_kg": 40.0 * (1.0 + 1e-8)}, "its mass is off"),
+    "shifted centre": ({"center_of_mass": PART.center_of_mass + np.array([1e-8, 0.0, 0.0])}, "centre of mass is off"),
+    "wrong inertia": ({"inertia": PART.inertia * (1.0 + 1e-7)}, "inertia is off"),
+    "NaN": ({"stiffness": np.full((12, 12), np.nan)}, "not finite"),
+    "infinite mass": ({"mass": np.full((12, 12), np.inf)}, "not finite"),
+    "NaN constraint": ({"constraints": np.full((1, 12), np.nan)}, "constraints holds values"),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_broken_superelement_is_refused_by_name(what):
+    changes, text = BROKEN[what]
+    with pytest.raises(AccuracyError, match=f"'column'.*{text}"):
+        check_superelement(dataclasses.replace(PART, **changes))
+
+
+def test_sound_ones_pass():
+    check_superelement(PART)
+    check_superelement(rigid_body("body", 3.0, {"foot": (0, 0, 0)}, center=(5.0, 0.0, 0.0))[1])
+    check_superelement(rigid_body("nothing", 0.0, {"foot": (0, 0, 0)}, inertia=(0, 0, 0))[1])
+
+
+def test_a_supported_one_needs_no_rigid_motions_and_one_without_mass_no_mass():
+    grounded = dataclasses.replace(PART, stiffness=PART.stiffness + 1e8 * np.outer(E_X, E_X))
+    with pytest.raises(AccuracyError, match="supported"):
+        check_superelement(grounded)
+    check_superelement(dataclasses.replace(grounded, supported=True))
+    check_superelement(dataclasses.replace(PART, mass=np.zeros((12, 12))))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e4])
+def test_the_checks_do_not_depend_on_size(scale):
+    check_superelement(two_node_body("column", 40.0 * scale**3, 0.5 * scale, np.array([1e8] * 3 + [1e6 * scale**2] * 3) * scale)[1])

@@ -1,0 +1,75 @@
+"""What README and tutorial tell the reader to type works, and what is generated is up to date."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from headstock.app.scene_reference import NOTES, render_reference
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.scene_schema import schema_json
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCUMENTS = ("README.md", "docs/tutorial.md")
+BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+# these would run the tests again, build an environment, or run for minutes; their own tests see to them
+SKIPPED = re.compile(r"\./headstock (test|exec|validate|campaign)\b|docker |apt|git clone")
+SECONDS = 300
+
+
+def blocks(document: str, language: str) -> list[str]:
+    path = ROOT / document
+    return [text for kind, text in BLOCK.findall(path.read_text()) if kind == language]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder in which the commands of a document can be typed without leaving anything in the real one."""
+    for name in ("machines", "tests", "docs"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    program = tmp_path / "headstock"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n')
+    program.chmod(0o755)
+    return tmp_path
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path) -> None:
+    shown = [text for text in blocks(document, "sh") if not SKIPPED.search(text)]
+    assert shown
+    variables = {**os.environ, "HEADSTOCK_STORE": str(checkout / "store"), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    for text in shown:
+        done = subprocess.run(["sh", "-eu", "-c", text], cwd=checkout, env=variables, capture_output=True, text=True, timeout=SECONDS)
+        assert done.returncode == 0, f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_scene_of_a_document_loads(document: str, tmp_path: Path) -> None:
+    for text in blocks(document, "toml"):
+        if not text.startswith("name ="):
+            continue
+        (tmp_path / "scene.toml").write_text(text)
+        assert load_scene(tmp_path / "scene.toml").machine.components
+
+
+def test_the_scene_reference_is_up_to_date() -> None:
+    # otherwise: ./headstock schema --markdown > docs/scene_reference.md
+    assert (ROOT / "docs" / "scene_reference.md").read_text() == render_reference(schema_json())
+
+
+def test_every_note_of_the_scene_reference_belongs_to_a_key() -> None:
+    schema = schema_json()
+    tables = {name.removesuffix("Table"): table for name, table in schema["$defs"].items()} | {"Scene": schema}
+    keys = {f"{name}.{key}" for name, table in tables.items() for key in table.get("properties", {})}
+    assert set(NOTES) - keys == set()
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, "docs/theory.md", "docs/scene_reference.md", "CHANGELOG.md"])
+def test_links_of_a_document_lead_to_files(document: str) -> None:
+    path = ROOT / document
+    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text())
+    local = [link for link in links if "://" not in link]
+    assert [link for link in local if not (path.parent / link).exists()] == []

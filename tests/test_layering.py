@@ -1,0 +1,148 @@
+"""The tree is what the design says: layers point left, modules form a DAG, heavy libraries stay in their adapters."""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+LAYERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app")
+ADAPTERS = {
+    "gmsh": {"meshing"},
+    "meshio": {"meshing"},
+    "basix": {"solvers"},
+    "dolfinx": {"solvers"},
+    "ffcx": {"solvers"},
+    "ufl": {"solvers"},
+    "petsc4py": {"solvers"},
+    "slepc4py": {"solvers"},
+    "pydantic": {"pipeline"},
+    "pint": {"pipeline"},
+    "typer": {"app"},
+    "click": {"app"},
+    "rich": {"app"},
+    "matplotlib": {"app"},
+    "jinja2": {"app"},
+    "vtk": {"app"},
+    "vtkmodules": {"app"},
+    "pyvista": {"app"},
+}
+
+MODULES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))
+IDS = [str(path.relative_to(ROOT)) for path in MODULES]
+every_module = pytest.mark.parametrize("path", MODULES, ids=IDS)
+
+
+def layer_of(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0]
+
+
+def module_name(path: Path) -> str:
+    return ".".join(("headstock", *path.relative_to(ROOT).with_suffix("").parts))
+
+
+def imported_names(node: ast.AST) -> list[str]:
+    """Modules an import statement names; ``from headstock.x import y`` counts as ``headstock.x.y`` where that is a module."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom) and node.module is not None:
+        known = {module_name(path) for path in MODULES}
+        inner = [f"{node.module}.{alias.name}" for alias in node.names]
+        return [name if name in known else node.module for name in inner]
+    return []
+
+
+def imports_of(path: Path) -> set[str]:
+    return {name for node in ast.walk(ast.parse(path.read_text())) for name in imported_names(node)}
+
+
+@every_module
+def test_a_module_imports_only_from_its_own_folder_or_folders_to_its_left(path: Path) -> None:
+    allowed = LAYERS[: LAYERS.index(layer_of(path)) + 1]
+    inside = {name for name in imports_of(path) if name == "headstock" or name.startswith("headstock.")}
+    assert {name for name in inside if name.split(".")[1:2] == [] or name.split(".")[1] not in allowed} == set()
+
+
+def test_modules_form_a_directed_acyclic_graph() -> None:
+    graph = {module_name(path): {name for name in imports_of(path) if name.startswith("headstock.")} for path in MODULES}
+    order = list(TopologicalSorter(graph).static_order())
+    assert set(graph) <= set(order)
+
+
+@every_module
+def test_heavy_libraries_are_imported_only_in_their_adapter_folders(path: Path) -> None:
+    libraries = {name.split(".")[0] for name in imports_of(path)}
+    assert {name for name in libraries & set(ADAPTERS) if layer_of(path) not in ADAPTERS[name]} == set()
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES if layer_of(path) == "geometry"], ids=lambda path: path.name)
+def test_geometry_needs_numpy_and_nothing_else(path: Path) -> None:
+    libraries = {name.split(".")[0] for name in imports_of(path)} - {"headstock", "numpy"}
+    assert libraries <= sys.stdlib_module_names
+
+
+@every_module
+def test_no_import_is_relative(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    assert [node.lineno for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level > 0] == []
+
+
+@every_module
+def test_only_the_command_line_folder_imports_inside_functions(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    late = [node.lineno for body in functions for node in ast.walk(body) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert late == [] or layer_of(path) == "app"
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_package_file_holds_a_docstring_and_nothing_else(layer: str) -> None:
+    tree = ast.parse((ROOT / layer / "__init__.py").read_text())
+    assert ast.get_docstring(tree)
+    assert len(tree.body) == 1
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_folder_is_typed_mapped_and_linked(layer: str) -> None:
+    assert (ROOT / layer / "py.typed").is_file()
+    assert (ROOT / ".typing" / "headstock" / layer).resolve() == ROOT / layer
+    assert f'"headstock.{layer}" = "{layer}"' in (ROOT / "pyproject.toml").read_text()
+
+
+def test_headstock_is_a_namespace_without_a_file_of_its_own() -> None:
+    assert not (ROOT / "__init__.py").exists()
+    assert not (ROOT / ".typing" / "headstock" / "__init__.py").exists()
+
+
+@every_module
+def test_no_module_shares_its_name_with_a_function_in_it(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    assert path.stem not in defined
+
+
+def text_files() -> Iterator[Path]:
+    folders = (*LAYERS, "tests", "benchmarks", "machines", "docs", "environment", ".ci")
+    for folder in folders:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ""} and path.is_file():
+                yield path
+    yield from (path for path in sorted(ROOT.iterdir()) if path.is_file() and path.suffix in {"", ".md", ".toml", ".in"})
+
+
+def test_no_line_names_a_folder_of_one_machine_or_a_host_of_packages() -> None:
+    # taken apart so that this file does not hold what it looks for
+    folders = "|".join(rf"(?<![\w.$}}/])/{name}/\w" for name in ("work", "root", "home"))
+    hosts = "|".join(re.escape(".".join(parts)) for parts in (("deb", "debian", "org"), ("pypi", "org"), ("pythonhosted", "org")))
+    pattern = re.compile(f"{folders}|{hosts}")
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in text_files()
+        for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1)
+        if pattern.search(line)
+    ]
+    assert found == []

@@ -1,0 +1,102 @@
+"""Every validation case by name, in groups."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+from headstock.validation.beam_cases import (
+    check_cantilever_modes,
+    check_cantilever_statics,
+    check_fixed_beam_modes,
+    check_fixed_beam_statics,
+)
+from headstock.validation.case_rows import ValidationRow
+from headstock.validation.closed_form_cases import (
+    check_block_theory,
+    check_cantilever_theory,
+    check_deep_beam_theory,
+    check_fixed_beam_theory,
+    check_rod_theory,
+    check_slender_beam_theory,
+    check_torsion_constants,
+)
+from headstock.validation.machine_cases import check_three_axis_machine
+from headstock.validation.modal_benchmarks import (
+    check_block,
+    check_deep_beam,
+    check_free_column,
+    check_slender_cantilever,
+    check_square_column,
+)
+from headstock.validation.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
+from headstock.validation.reduction_cases import (
+    check_all_modes,
+    check_mean_truncation,
+    check_mode_truncation,
+    check_rigid_body_content,
+    check_static_exactness,
+)
+from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
+
+CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A validation case.
+
+    Attributes:
+        name: What the command line calls it.
+        group: ``beams``, ``benchmarks``, ``orders``, ``reduction`` or ``machines``.
+        title: One line.
+        compute: Collective function that returns the rows.
+    """
+
+    name: str
+    group: str
+    title: str
+    compute: CaseFunction
+
+
+CASES: tuple[Case, ...] = (
+    Case("seed-cantilever", "beams", "six frequencies of the seed's column", check_cantilever_modes),
+    Case("seed-cantilever-static", "beams", "compliances of the seed's column", check_cantilever_statics),
+    Case("seed-fixed-beam", "beams", "six frequencies of the seed's fixed beam", check_fixed_beam_modes),
+    Case("seed-fixed-beam-static", "beams", "deflections of the seed's fixed beam", check_fixed_beam_statics),
+    Case("seed-cantilever-theory", "beams", "the seed's column by beam theories", check_cantilever_theory),
+    Case("seed-fixed-beam-theory", "beams", "the seed's fixed beam by beam theories", check_fixed_beam_theory),
+    Case("torsion-constant", "beams", "torsion constants of rectangles", check_torsion_constants),
+    Case("fv5-theory", "benchmarks", "NAFEMS FV5 by beam theories", check_deep_beam_theory),
+    Case("sdll02-theory", "benchmarks", "SDLL02 by Euler and Bernoulli", check_slender_beam_theory),
+    Case("rod-theory", "benchmarks", "rod without lateral contraction", check_rod_theory),
+    Case("block-theory", "benchmarks", "block on four air springs, closed form", check_block_theory),
+    Case("fv5", "benchmarks", "NAFEMS FV5, deep beam on averaged supports", check_deep_beam),
+    Case("block", "benchmarks", "rigid block on four air springs", check_block),
+    Case("free", "benchmarks", "the seed's column without support", check_free_column),
+    Case("square-column", "benchmarks", "square column with repeated modes", check_square_column),
+    Case("sdll02", "benchmarks", "SDLL02, slender cantilever", check_slender_cantilever),
+    Case(
+        "straight-cantilever", "benchmarks", "MacNeal and Harder's straight cantilever, slanted elements", check_straight_cantilever
+    ),
+    Case("le10", "benchmarks", "NAFEMS LE10, thick plate under pressure", check_thick_plate),
+    Case("rod", "benchmarks", "axial frequencies of the rod without lateral contraction", check_rod_frequencies),
+    Case("rod-orders", "orders", "order of axial frequencies", check_rod_orders),
+    Case("displacement-orders", "orders", "order of the displacement under a manufactured load", check_displacement_orders),
+    Case("all-modes", "reduction", "every mode kept is the whole model, none is Guyan's", check_all_modes),
+    Case("static-exactness", "reduction", "static interface response with any number of modes", check_static_exactness),
+    Case("mode-truncation", "reduction", "free column with rigid faces by number of modes", check_mode_truncation),
+    Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
+    Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
+    Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
+)
+
+
+def case_names() -> list[str]:
+    """Names of all cases."""
+    return [case.name for case in CASES]
+
+
+def group_names() -> list[str]:
+    """Names of all groups, in order."""
+    return list(dict.fromkeys(case.group for case in CASES))

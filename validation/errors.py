@@ -1,0 +1,11 @@
+"""Failures of the validation itself."""
+
+from headstock.geometry.errors import HeadstockError
+
+
+class UnknownCaseError(ValueError):
+    """A case or group was asked for that does not exist; the message lists those that do (bad input, exit code 2)."""
+
+
+class CampaignError(HeadstockError):
+    """A fault campaign found something torn, wrong or left behind."""
