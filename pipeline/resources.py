@@ -30,21 +30,25 @@ def measure() -> Iterator[Cost]:
         cost.seconds = time.perf_counter() - start
         # children's peak is a maximum over all that ever ran: it says something about this work only when it rose
         child = _children_kb() if _children_kb() > children else 0
-        cost.peak_rss_mb = max(_own_peak_kb(), child) / 1024.0
+        cost.peak_rss_mb = max(peak_memory_mb(), child / 1024.0)
+
+
+def peak_memory_mb() -> float:
+    """Peak resident memory of this process since it started, or since ``measure`` last began [MB].
+
+    Not ``ru_maxrss``: Linux carries that over from the process that started this one.
+    """
+    try:
+        match = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    except OSError:
+        match = None
+    return (int(match[1]) if match else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024.0
 
 
 def _restart_peak() -> None:
     # without the permission (some containers) the peak is that of the process so far: too high, never too low
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-
-
-def _own_peak_kb() -> int:
-    try:
-        match = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    except OSError:
-        match = None
-    return int(match[1]) if match else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _children_kb() -> int:

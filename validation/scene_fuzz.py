@@ -2,7 +2,6 @@
 
 import json
 import random
-import resource
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from pathlib import Path
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.resources import peak_memory_mb
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.validation.campaign_outcome import CampaignOutcome
@@ -125,7 +125,7 @@ def _fuzz(root: Path, seed: int, first: int, count: int) -> CampaignOutcome:
         seconds = time.process_time() - start
         if seconds > SECONDS_ALLOWED:
             outcome.faults.append(f"scene {number} took {seconds:.2f} s")
-    outcome.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    outcome.peak_mb = peak_memory_mb()
     return outcome
 
 

@@ -45,13 +45,14 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "python tag": lambda: SCENE + 'x = !!python/object/apply:os.system ["true"]\n',
 }
 TRY = """
-import json, resource, sys, time
+import json, sys, time
 from pathlib import Path
+from headstock.pipeline.resources import peak_memory_mb
 from headstock.validation.scene_fuzz import try_scene
 start = time.process_time()
 ending = try_scene(Path(sys.argv[1]), ())
 seconds = time.process_time() - start
-print(json.dumps([ending, seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]))
+print(json.dumps([ending, seconds, peak_memory_mb()]))
 """
 MEANT_TO_LOAD = {"many variants", "large variant"}
 
