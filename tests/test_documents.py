@@ -42,7 +42,9 @@ def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path
     assert shown
     variables = {**os.environ, "HEADSTOCK_STORE": str(checkout / "store"), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     for text in shown:
-        done = subprocess.run(["sh", "-eu", "-c", text], cwd=checkout, env=variables, capture_output=True, text=True, timeout=SECONDS)
+        done = subprocess.run(
+            ["sh", "-eu", "-c", text], cwd=checkout, env=variables, capture_output=True, text=True, timeout=SECONDS
+        )
         assert done.returncode == 0, f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from headstock.validation.campaign_outcome import CampaignOutcome
-from headstock.validation.campaign_runs import VARIANTS, Numbers, Places, check_files, finish_run, make_places, read_numbers
+from headstock.validation.campaign_runs import VARIANTS, Numbers, Places, finish_run, make_places, read_numbers
 from headstock.validation.errors import CampaignError
+from headstock.validation.file_checks import check_files
 from headstock.validation.small_disks import enter_own_view, small_disk
 
 DISK_BYTES = 64 << 20

@@ -62,7 +62,7 @@ class Host:
 
     def ordinary_user(self, *, subordinates: bool = True, namespaces: bool = True) -> None:
         """Run the launcher as somebody who is not root."""
-        self.write("id", '#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo 54321 ;; esac\n')
+        self.write("id", "#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo 54321 ;; esac\n")
         self.write("newuidmap", "#!/bin/sh\n")
         self.write("getsubids", f"#!/bin/sh\nexit {0 if subordinates else 1}\n")
         self.write("unshare", f"#!/bin/sh\nexit {0 if namespaces else 1}\n")

@@ -13,7 +13,8 @@ from headstock.pipeline import content_keys
 from headstock.pipeline.content_keys import mesh_key, superelement_key
 from headstock.pipeline.store import SIGNATURE, USER_BLOCK, Store, entry_path, read_entry, write_entry
 from headstock.reduction.superelement import Superelement
-from headstock.validation.campaign_runs import check_files, finish_run, make_places, read_numbers
+from headstock.validation.campaign_runs import finish_run, make_places, read_numbers
+from headstock.validation.file_checks import check_files
 from headstock.validation.sample_files import box_superelement
 
 KEY = "cd" + 62 * "1"

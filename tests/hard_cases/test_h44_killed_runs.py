@@ -1,0 +1,100 @@
+"""H44: a run killed at any time leaves whole files, and the next run finds what an undisturbed one finds (200 kills: ``campaign kill``)."""
+
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+
+from headstock.validation import kill_campaign
+from headstock.validation.campaign_runs import Numbers, Places, finish_run, make_places, read_numbers
+from headstock.validation.errors import CampaignError
+from headstock.validation.kill_campaign import check_remains, run_kill_campaign
+
+KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}
+CUTS = 12
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Places, dict[str, Numbers]]:
+    places = make_places(tmp_path_factory.mktemp("finished"))
+    code, said = finish_run(places, "steel")
+    assert code == 0, said
+    return places, {"steel": read_numbers(places.results)}
+
+
+def test_ten_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
+    outcome = run_kill_campaign(10, seed=44, root=tmp_path, on_trial=lambda _: None)
+    assert outcome.faults == []
+    assert outcome.trials == 10
+    assert sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 8
+
+
+def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(finished: tuple[Places, dict[str, Numbers]]) -> None:
+    places, expected = finished
+    check_remains(places, expected)
+    chance, kinds = random.Random(44), set()
+    for path in sorted(path for path in places.results.rglob("*") if path.is_file()):
+        whole = path.read_bytes()
+        kinds.add(path.suffix)
+        for length in (0, 1, len(whole) - 2, *(chance.randrange(len(whole) - 1) for _ in range(CUTS))):
+            if path.suffix == ".csv" and whole[:length].endswith(b"\n"):
+                continue  # a table without its last lines looks like a whole one
+            path.write_bytes(whole[:length])
+            with pytest.raises(CampaignError, match=path.name):
+                check_remains(places, expected)
+        path.write_bytes(whole)
+    assert kinds == KINDS
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("report.html", b"<html><body>"),
+        ("report.html", b"<!doctype html>\n<html><body></body></html>\n"),
+        ("summary.json", b"{}"),
+        ("results.h5", b"\x89HDF\r\n\x1a\n"),
+    ],
+    ids=["half a page", "an empty page", "an empty summary", "the head of HDF5"],
+)
+def test_a_file_that_only_looks_like_one_is_known_as_torn(
+    name: str, content: bytes, finished: tuple[Places, dict[str, Numbers]]
+) -> None:
+    places, expected = finished
+    path = places.results / name
+    whole = path.read_bytes()
+    path.write_bytes(content)
+    try:
+        with pytest.raises(CampaignError, match=name):
+            check_remains(places, expected)
+    finally:
+        path.write_bytes(whole)
+
+
+def test_a_campaign_reports_torn_files_wrong_numbers_and_temporaries_of_the_runs_it_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, finished: tuple[Places, dict[str, Numbers]]
+) -> None:
+    spoils = iter(["results.h5", "summary.json", "report.html", "numbers", "nothing"])
+
+    def finish(places: Places, variant: str) -> tuple[int, str]:
+        shutil.copytree(finished[0].results, places.results, dirs_exist_ok=True)
+        return 0, ""
+
+    def spoil(places: Places, *_: object) -> str:
+        finish(places, "steel")
+        name = next(spoils)
+        if name == "numbers":
+            summary = places.results / "summary.json"
+            summary.write_text(summary.read_text().replace('"frequencies_hz": [', '"frequencies_hz": [1.0, '))
+        elif name != "nothing":
+            path = places.results / name
+            path.write_bytes(path.read_bytes()[:-100])
+        return "killed by hand"
+
+    monkeypatch.setattr(kill_campaign, "_kill_one", spoil)
+    monkeypatch.setattr(kill_campaign, "finish_run", finish)
+    outcome = run_kill_campaign(5, seed=1, root=tmp_path, on_trial=lambda _: None)
+    told = " | ".join(outcome.faults)
+    assert [fault.partition(":")[0] for fault in outcome.faults] == ["kill 1", "kill 2", "kill 3", "kill 4"], told
+    for number, name in enumerate(("results.h5", "summary.json", "report.html", "numbers of neither variant")):
+        assert name in outcome.faults[number]
