@@ -25,7 +25,9 @@ Exit codes: 0 done, 1 a computation failed (named error), 2 bad input.
 app = typer.Typer(name=PROGRAM, help=PROGRAM_HELP, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
-Variant = Annotated[str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene.")]
+Variant = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B.")
+]
 Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write what is printed as JSON too.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]

@@ -22,7 +22,8 @@ scene names lie in its folder or below.
 # table.key: what a type alone does not say
 NOTES = {
     "Scene.name": "heading of the results; the file's name unless given",
-    "Scene.variants": 'named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`',
+    "Scene.variants": 'named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; '
+    "`--variant A+B` applies `A`, then `B`",
     "Scene.poses": 'axis positions: `X = "10 mm"`; axes left out are at zero; without any pose there is one, `reference`, at zero',
     "Scene.drives": "accepted and not used in this version",
     "Scene.effects": "`gravity = true` (or an acceleration), `damping = true` (of the joints); all off unless named",

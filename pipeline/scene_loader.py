@@ -22,7 +22,7 @@ def load_scene(path: Path, *, variant: str | None = None, overrides: Sequence[st
 
     Args:
         path: A ``.toml`` file; files it refers to lie in its folder.
-        variant: Name of one of the scene's variants, applied first.
+        variant: One of the scene's variants or several joined by ``+``, applied first.
         overrides: ``key=value`` settings with dotted keys, applied after the variant in the order given.
 
     Returns:

@@ -27,26 +27,42 @@ ENTRY_SECTIONS = frozenset(
     }
 )
 MAX_OVERRIDES = 1000
+VARIANT_JOINER = "+"
 
 
 def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> dict[str, Any]:
-    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too."""
+    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too.
+
+    ``calibrated+segmented+R`` applies three variants, the later over the earlier.
+    """
     variants = raw.get("variants", {})
     result = dict(raw)
     if not isinstance(variants, dict):
         if name is not None:
             findings.add(("variants",), f"variant {name!r} cannot be used: variants is not a table")
         return result
-    if name is not None and name not in variants:
-        findings.add_line(None, f"unknown variant {name!r}; {suggest_names(name, variants, what='variants')}", "variants")
-    for other, overrides in variants.items():
-        target = result if other == name else dict(raw)
-        if not isinstance(overrides, dict):
-            continue  # the schema reports it
-        for path, value, source in _flatten(overrides, ()):
-            line = findings.origin_of(("variants", other, *source)).line
-            _override(target, path, value, Origin(line, f"variant {other}"), findings, record=other == name)
+    chosen = split_variant(name)
+    for unknown in [part for part in chosen if part not in variants]:
+        findings.add_line(None, f"unknown variant {unknown!r}; {suggest_names(unknown, variants, what='variants')}", "variants")
+    for part in chosen:
+        _apply_overrides(result, part, variants.get(part), findings, record=True)
+    for other in variants:
+        if other not in chosen:
+            _apply_overrides(dict(raw), other, variants[other], findings, record=False)
     return result
+
+
+def split_variant(name: str | None) -> list[str]:
+    """Variants that a choice such as ``calibrated+segmented+R`` applies, in order; none for None."""
+    return [] if name is None else name.split(VARIANT_JOINER)
+
+
+def _apply_overrides(raw: dict[str, Any], name: str, overrides: Any, findings: Findings, *, record: bool) -> None:
+    if not isinstance(overrides, dict):
+        return  # unknown, or the schema reports it
+    for path, value, source in _flatten(overrides, ()):
+        line = findings.origin_of(("variants", name, *source)).line
+        _override(raw, path, value, Origin(line, f"variant {name}"), findings, record=record)
 
 
 def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findings) -> None:

@@ -61,6 +61,23 @@ def test_a_variant_changes_what_it_names_and_nothing_else(scene_file: Path) -> N
     assert load_scene(scene_file, variant="nested").machine.components["bar"].mesh.size == 0.005
 
 
+def test_joined_variants_are_applied_in_order(scene_file: Path) -> None:
+    bar = load_scene(scene_file, variant="nested+stiff").machine.components["bar"]
+    assert (bar.mesh.size, bar.fidelity) == (0.005, "rigid")
+    with scene_file.open("a") as stream:
+        stream.write('[variants.fine]\n"components.bar.mesh.size" = "2 mm"\n')
+    assert load_scene(scene_file, variant="nested+fine").machine.components["bar"].mesh.size == 0.002
+    assert load_scene(scene_file, variant="fine+nested").machine.components["bar"].mesh.size == 0.005
+
+
+def test_every_unknown_part_of_a_joined_variant_is_named(scene_file: Path) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(scene_file, variant="stif+nested+spring")
+    message = str(caught.value)
+    assert "unknown variant 'stif'" in message
+    assert "unknown variant 'spring'" in message
+
+
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
