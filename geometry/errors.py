@@ -1,5 +1,25 @@
-"""The base of every error that ends a computation (exit code 1)."""
+"""The errors that end a computation (exit code 1), from the base of all to those of mechanisms."""
 
 
 class HeadstockError(Exception):
     """A computation failed for a stated reason; the command line exits with 1."""
+
+
+class ClosureError(HeadstockError):
+    """The loops of a mechanism cannot be closed."""
+
+
+class PoseError(HeadstockError):
+    """A pose that a mechanism cannot take; the kinds below say why."""
+
+
+class UnreachablePoseError(PoseError):
+    """No assembly of the mechanism reaches the pose."""
+
+
+class SingularPoseError(PoseError):
+    """The mechanism loses a motion, or gains one, in the pose."""
+
+
+class JointLimitError(PoseError):
+    """The pose needs a joint beyond its limits."""

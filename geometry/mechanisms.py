@@ -1,0 +1,158 @@
+"""Mechanisms as data: chains of elementary motions from ground, and the closures that make loops of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+from headstock.geometry.frames import FloatArray
+
+AxisName = Literal["x", "y", "z"]
+AXES: tuple[AxisName, ...] = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Step:
+    """An elementary motion about or along an axis of the frame it starts from.
+
+    Attributes:
+        kind: ``turn`` about the axis or ``shift`` along it.
+        axis: Axis of the frame that the steps before it lead to.
+        coordinate: Name of the coordinate that drives it; None for a fixed step.
+        amount: Fixed part [rad or m], added to the coordinate.
+    """
+
+    kind: Literal["turn", "shift"]
+    axis: AxisName
+    coordinate: str | None = None
+    amount: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A name for the frame that the steps before it lead to: a body, a joint centre, the tool."""
+
+    name: str
+
+
+ChainItem = Step | Mark
+
+
+def turn(axis: AxisName, by: str | float) -> Step:
+    """Rotation about an axis by a coordinate or a fixed angle [rad]."""
+    return Step("turn", axis, by) if isinstance(by, str) else Step("turn", axis, None, by)
+
+
+def shift(axis: AxisName, by: str | float) -> Step:
+    """Translation along an axis by a coordinate or a fixed length [m]."""
+    return Step("shift", axis, by) if isinstance(by, str) else Step("shift", axis, None, by)
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Two marks coincide in some directions: ``axes`` of the frame of a third mark, of ground where there is none."""
+
+    first: str
+    second: str
+    axes: tuple[AxisName, ...] = AXES
+    frame: str | None = None
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Two marks have the same orientation about some axes of the first: components of ``vee skew(R1^T R2)`` vanish."""
+
+    first: str
+    second: str
+    axes: tuple[AxisName, ...] = AXES
+
+
+@dataclass(frozen=True)
+class Balance:
+    """A weighted sum of coordinates equals a value, as angles in a plane do."""
+
+    weights: Mapping[str, float]
+    value: float = 0.0
+
+
+Closure = Meeting | Alignment | Balance
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A mechanism: open chains from ground, closed into loops.
+
+    Attributes:
+        name: For messages.
+        chains: Each a row of steps and marks, from the ground frame outwards; chains may share coordinates.
+        closures: What makes loops of the chains.
+        driven: Coordinates that drives prescribe, ``u``.
+        compliant: Coordinates of lumped compliances, ``delta``, zero on the rigid mechanism; every other coordinate is passive, ``v``.
+
+    Raises:
+        ValueError: A name means nothing or means two things.
+    """
+
+    name: str
+    chains: tuple[tuple[ChainItem, ...], ...]
+    closures: tuple[Closure, ...]
+    driven: tuple[str, ...]
+    compliant: tuple[str, ...] = ()
+    passive: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        used = [step.coordinate for chain in self.chains for step in chain if isinstance(step, Step) and step.coordinate]
+        named = (*self.driven, *self.compliant)
+        unknown = sorted(set(named) - set(used))
+        if unknown or len(set(named)) < len(named):
+            raise ValueError(f"{self.name}: driven and compliant coordinates must be different ones of the chains, not {unknown}")
+        object.__setattr__(self, "passive", tuple(name for name in dict.fromkeys(used) if name not in named))
+        marks = [item.name for chain in self.chains for item in chain if isinstance(item, Mark)]
+        if len(set(marks)) < len(marks):
+            raise ValueError(f"{self.name}: a mark is named twice among {marks}")
+        for closure in self.closures:
+            wrong = sorted(_names_in(closure) - (set(used) if isinstance(closure, Balance) else set(marks)))
+            if wrong:
+                raise ValueError(f"{self.name}: a closure names {', '.join(wrong)}, which is nowhere in the chains")
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Every coordinate: driven, passive, compliant."""
+        return (*self.driven, *self.passive, *self.compliant)
+
+    @cached_property
+    def marks(self) -> tuple[str, ...]:
+        """Every mark, chain by chain."""
+        return tuple(item.name for chain in self.chains for item in chain if isinstance(item, Mark))
+
+    @cached_property
+    def driven_slice(self) -> slice:
+        """Where the driven coordinates stand among all."""
+        return slice(0, len(self.driven))
+
+    @cached_property
+    def passive_slice(self) -> slice:
+        """Where the passive coordinates stand among all."""
+        return slice(len(self.driven), len(self.driven) + len(self.passive))
+
+    @cached_property
+    def compliant_slice(self) -> slice:
+        """Where the compliant coordinates stand among all."""
+        return slice(len(self.driven) + len(self.passive), len(self.coordinates))
+
+    def index(self, coordinate: str) -> int:
+        """Place of a coordinate among all."""
+        return self.coordinates.index(coordinate)
+
+
+def wrap_angles(angles: FloatArray) -> FloatArray:
+    """Angles [rad] brought into -pi .. pi."""
+    turn_around = 6.283185307179586
+    return angles - turn_around * (angles / turn_around).round()
+
+
+def _names_in(closure: Closure) -> set[str]:
+    if isinstance(closure, Balance):
+        return set(closure.weights)
+    names = {closure.first, closure.second}
+    return names | {closure.frame} if isinstance(closure, Meeting) and closure.frame is not None else names
