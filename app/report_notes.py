@@ -34,6 +34,15 @@ def judge_numbers(summary: Json) -> list[Note]:
         notes.append(
             Note("Rigid components", f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.")
         )
+    if "segmented" in fidelities:
+        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "segmented")
+        notes.append(
+            Note(
+                "Segmented components",
+                f"{names}: beams on plane sections. Bars that are short or wide for their length are stiffer in torsion than that,"
+                " and softer where a joint holds only a part of their section: compare with fidelity elastic.",
+            )
+        )
     notes.append(Note("Joint stiffness", "Taken from the scene as written: no result is better than these values."))
     return notes
 

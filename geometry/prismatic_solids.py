@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.components import Interface, Patch
+from headstock.geometry.components import Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.patches import FACE_DIRECTIONS, in_plane_axes
 from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, Tube
@@ -59,8 +59,10 @@ def prismatic_bar(solid: Solid, along: str | None = None) -> PrismaticBar:
         return _rectangular_bar(solid.size, along)
     if isinstance(solid, Box):
         return _rectangular_bar(solid.size, along)
-    if isinstance(solid, Plate | HollowColumn):
-        raise ValueError("its section changes along it (ribs, caps)")
+    if isinstance(solid, HollowColumn):
+        raise ValueError("its section changes along it: a hollow column has caps and ribs")
+    if isinstance(solid, Plate):
+        raise ValueError("it has ribs, and the shear and torsion of a ribbed section are not known")
     raise ValueError("its section is not known: it is read from a file")
 
 
@@ -76,28 +78,27 @@ def shear_coefficient(bar: PrismaticBar, poisson_ratio: float) -> float:
     return 6.0 * (1.0 + nu) * square / ((7.0 + 6.0 * nu) * square + (20.0 + 12.0 * nu) * bar.hollow_ratio**2)
 
 
-def interface_span(bar: PrismaticBar, interface: Interface) -> tuple[float, float] | None:
-    """Where along a bar an interface begins and ends [m], between the ends; None where its patches touch several places apart."""
-    spans = [_patch_span(bar, patch) for patch in interface.patches]
-    low, high = min(span[0] for span in spans), max(span[1] for span in spans)
-    covered = sum(b - a for a, b in set(spans))
-    if high - low > covered + 1e-9 * bar.length:
-        return None
-    return max(low, bar.low), min(high, bar.high)
+def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
+    """Where along a bar a patch begins and ends [m]; the same place twice for one on an end face.
 
-
-def _patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
-    if patch.face in FACE_DIRECTIONS and FACE_DIRECTIONS[patch.face][0] == bar.axis:
-        end = bar.low if patch.face.endswith("-") else bar.high
+    Raises:
+        ValueError: Only a CAD kernel knows where the face lies.
+    """
+    if patch.face in ("outer", "inner"):
+        return bar.low, bar.high
+    if patch.face not in FACE_DIRECTIONS:
+        raise ValueError(f"where its face {patch.face!r} lies along the bar is not known; write x- x+ y- y+ z- or z+")
+    normal, sign = FACE_DIRECTIONS[patch.face]
+    if normal == bar.axis:
+        end = bar.low if sign < 0.0 else bar.high
         return end, end
     middle = patch.center[bar.axis]
+    half = math.inf
     if patch.shape == "rect":
-        normal = FACE_DIRECTIONS[patch.face][0]
         half = 0.5 * patch.size[in_plane_axes(normal).index(bar.axis)]
-        return middle - half, middle + half
-    if patch.shape == "disk" or (patch.shape == "strip" and patch.along != "xyz"[bar.axis]):
-        return middle - 0.5 * patch.size[0], middle + 0.5 * patch.size[0]
-    return bar.low, bar.high
+    elif patch.shape == "disk" or (patch.shape == "strip" and patch.along != "xyz"[bar.axis]):
+        half = 0.5 * patch.size[0]
+    return max(middle - half, bar.low), min(middle + half, bar.high)
 
 
 def _rectangular_bar(size: tuple[float, float, float], along: str | None) -> PrismaticBar:

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.patches import planar_boxes
-from headstock.geometry.skins import Skin, join_skins, sharp_edges
+from headstock.geometry.skins import IntArray, Skin, join_skins, sharp_edges
 from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, Tube
 
 SIDES = 48
@@ -26,6 +26,32 @@ def solid_skin(solid: Solid) -> Skin | None:
     if isinstance(solid, Plate):
         return join_skins([box_skin(low, high) for sign, low, high in planar_boxes(solid) if sign > 0.0])
     return None
+
+
+def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
+    """The surface of a box, plate or tube that has one section along an axis, cut across at places so that it can bend.
+
+    Args:
+        solid: The solid.
+        axis: Direction of the bar, 0..2.
+        places: ``(n,)`` ascending along the axis, from end to end [m].
+    """
+    around = [(axis + 1) % 3, (axis + 2) % 3]
+    loops = _round_loops(solid) if isinstance(solid, Tube) else [_box_loop(solid, around)]
+    points: list[FloatArray] = []
+    triangles: list[IntArray] = []
+    starts: list[int] = []
+    for number, loop in enumerate(loops):
+        rings = np.zeros((len(places), len(loop), 3))
+        rings[:, :, around] = loop
+        rings[:, :, axis] = places[:, None]
+        starts.append(len(places) * sum(len(before) for before in loops[:number]))
+        points.append(rings.reshape(-1, 3))
+        triangles.append(_wall_triangles(len(places), len(loop), starts[-1], outward=number == 0))
+    last = (len(places) - 1) * len(loops[0])
+    triangles += [_cap_triangles(starts, 0, len(loops[0]), upward=False), _cap_triangles(starts, last, len(loops[0]), upward=True)]
+    every, corners = np.vstack(points), np.vstack(triangles)
+    return Skin(every, corners, sharp_edges(every, corners), "solid")
 
 
 def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Skin:
@@ -69,3 +95,41 @@ def _tube_skin(tube: Tube) -> Skin:
     found = found[areas > 1e-12 * max(outer, tube.length) ** 2]
     edges = [np.column_stack([SIDES * ring + k, SIDES * ring + after]) for ring in range(4) if rings[ring][0] > 0.0]
     return Skin(points, found, np.vstack(edges), "solid")
+
+
+def _box_loop(solid: Solid, around: list[int]) -> FloatArray:
+    """Corners ``(4, 2)`` of a block's section, counterclockwise."""
+    if not isinstance(solid, Box | Plate):
+        raise ValueError("only a block or a tube has one section")
+    low = np.array([-solid.size[0] / 2, -solid.size[1] / 2, 0.0])[around]
+    high = np.array([solid.size[0] / 2, solid.size[1] / 2, solid.size[2]])[around]
+    return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+
+
+def _round_loops(tube: Tube) -> list[FloatArray]:
+    """Outer circle and, where there is a bore, inner circle ``(SIDES, 2)``, counterclockwise."""
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    return [0.5 * diameter * circle for diameter in (tube.outer_diameter, tube.inner_diameter) if diameter > 0.0]
+
+
+def _wall_triangles(rings: int, corners: int, start: int, *, outward: bool) -> IntArray:
+    k, level = np.tile(np.arange(corners), rings - 1), np.repeat(np.arange(rings - 1), corners) * corners + start
+    after = (k + 1) % corners
+    a, b, c, d = level + k, level + after, level + corners + after, level + corners + k
+    quads = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return np.asarray(quads if outward else quads[:, ::-1])
+
+
+def _cap_triangles(starts: list[int], ring: int, corners: int, *, upward: bool) -> IntArray:
+    """An end face: a fan, or the ring between two loops."""
+    if len(starts) == 1:
+        k = np.arange(1, corners - 1)
+        fan = ring + np.column_stack([np.zeros_like(k), k, k + 1])
+    else:
+        k, outer, inner = np.arange(corners), starts[0] + ring, starts[1] + ring
+        after = (k + 1) % corners
+        fan = np.vstack(
+            [np.column_stack([outer + k, outer + after, inner + after]), np.column_stack([outer + k, inner + after, inner + k])]
+        )
+    return np.asarray(fan if upward else fan[:, ::-1])

@@ -4,6 +4,8 @@ import dataclasses
 import importlib
 from typing import cast
 
+import numpy as np
+
 from headstock.geometry.components import Component
 from headstock.geometry.solids import SuperelementFile
 from headstock.meshing.component_mesh import ComponentMesh
@@ -16,7 +18,7 @@ from headstock.pipeline.stages import Stage
 from headstock.pipeline.store import read_entry, write_entry
 from headstock.pipeline.superelement_files import read_superelement
 from headstock.reduction.rigid_reduction import reduce_rigid
-from headstock.reduction.segmented_reduction import reduce_segmented
+from headstock.reduction.segmented_reduction import reduce_segmented, segment_skin
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 
@@ -77,7 +79,9 @@ def run_segment_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = reduce_segmented(component, describe_component(component), component_loads(state, component))
-        state.reduced[component.name] = ReducedComponent(superelement)
+        skin = segment_skin(component)
+        bending = dataclasses.replace(skin, nodes=np.arange(len(skin.points)))
+        state.reduced[component.name] = ReducedComponent(superelement, skin=bending)
         return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
     return Outcome()
 

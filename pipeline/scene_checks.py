@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 from headstock.geometry.joints import GROUND
-from headstock.geometry.prismatic_solids import prismatic_bar
 from headstock.geometry.solids import Solid, SuperelementFile
 from headstock.pipeline.component_builder import bounding_box, build_solid
 from headstock.pipeline.effects import find_effect_fault
@@ -16,6 +15,7 @@ from headstock.pipeline.scene_names import is_known_end, sound_joints
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import ComponentTable, PatchTable
 from headstock.pipeline.schema_connections import AxisTable, LoadTable, SupportTable
+from headstock.pipeline.segment_checks import find_load_fault, find_segment_faults
 from headstock.pipeline.toml_positions import KeyPath
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 
@@ -68,11 +68,8 @@ def _check_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[s
 
 
 def _check_fidelity(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
-    if table.fidelity == "segmented" and table.solid.superelement is None:
-        try:
-            prismatic_bar(solid, table.segments.along)
-        except ValueError as error:
-            findings.add((*key, "fidelity"), f'cannot be segmented: {error}; write "elastic" or "rigid"')
+    for place, fault in find_segment_faults(table, solid):
+        findings.add((*key, *place), fault)
     if table.mesh.cells == "hex" and table.solid.box is None and table.fidelity == "elastic":
         findings.add((*key, "mesh", "cells"), f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"')
     if table.solid.superelement is not None:
@@ -102,6 +99,8 @@ def _check_areas(scene: SceneTable, solids: dict[str, Solid], findings: Findings
             table = scene.components.get(owner)
             if table is not None and (table.fidelity != "elastic" or table.solid.superelement is not None):
                 findings.add(key, f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground")
+        elif fault := find_load_fault(entry, scene.components.get((entry.face or entry.at or "").partition(".")[0])):
+            findings.add((*key, "pressure"), fault)
         if entry.face is None:
             continue
         component, _, face = entry.face.partition(".")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -176,6 +177,26 @@ def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
     assert "steal" in message
     assert "Traceback" not in message
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_segmented_scene_runs_and_one_that_cannot_be_segmented_ends_with_2_and_the_reason(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    segmented, summary = "components.block.fidelity=segmented", tmp_path / "summary.json"
+    arguments = ["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--set", segmented]
+    assert main([*arguments, "--json", str(summary)]) == 0
+    found = json.loads(summary.read_text())["components"]["block"]
+    assert found["fidelity"] == "segmented" and found["full_dofs"] == 60
+    shutil.copy(Path(__file__).parents[2] / "machines" / "step_column.step", tmp_path / "block.step")
+    summary.unlink()
+    for solid, reason in (
+        ('{step = "block.step"}', "it is read from a file"),
+        ('{column = {size = ["100 mm", "100 mm", "100 mm"], wall = "5 mm", cap = "5 mm"}}', "its section changes along it"),
+    ):
+        assert main([*arguments, "--set", f"components.block.solid={solid}", "--json", str(summary)]) == 2
+        told = capsys.readouterr().err
+        assert reason in told and 'write "elastic" or "rigid"' in told
+        assert not summary.exists()
 
 
 def test_check_writes_the_problems_as_json(scene_file: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.skins import Skin, sharp_edges, split_skin
-from headstock.geometry.solid_skins import box_skin, inertia_skin, solid_skin
+from headstock.geometry.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
 from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
 
 
@@ -81,3 +81,22 @@ def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
     assert edges_used_once_in_each_direction(finer)
     recomputed = {tuple(edge) for edge in sharp_edges(finer.points, finer.triangles).tolist()}
     assert {tuple(sorted(edge)) for edge in finer.edges.tolist()} == recomputed
+
+
+@pytest.mark.parametrize(
+    ("name", "axis", "low", "length"), [("box", 0, -0.05, 0.1), ("box", 2, 0.0, 0.3), ("tube", 2, 0.0, 0.5), ("rod", 2, 0.0, 0.5)]
+)
+def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_cut(
+    name: str, axis: int, low: float, length: float
+) -> None:
+    solid, volume = CASES[name]
+    places = low + length * np.linspace(0.0, 1.0, 6)
+    skin = prism_skin(solid, axis, places)
+    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    assert edges_used_once_in_each_direction(skin)
+    np.testing.assert_allclose(np.unique(skin.points[:, axis]), places, atol=1e-15)
+    whole = solid_skin(solid)
+    assert whole is not None
+    np.testing.assert_allclose(
+        [skin.points.min(axis=0), skin.points.max(axis=0)], [whole.points.min(axis=0), whole.points.max(axis=0)]
+    )

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings, SegmentSettings
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import Frame
+from headstock.geometry.frames import Frame, rigid_map
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
@@ -106,6 +106,28 @@ def test_a_rigid_machine_calls_no_mesher_and_loads_no_elastic_module(
     column = dataclasses.replace(scene.machine.components["column"], fidelity="rigid")
     run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
     assert calls == []
+
+
+def test_a_segmented_component_is_not_meshed_moves_as_the_elastic_one_and_its_picture_bends(
+    tmp_path: Path, calls: list[str]
+) -> None:
+    scene = make_scene()
+    column = dataclasses.replace(scene.machine.components["column"], fidelity="segmented", segments=SegmentSettings(6))
+    segmented = run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    assert calls == []
+    assert [record.stage.kind for record in segmented.stages if record.stage.component == "column"] == ["segment"]
+    elastic = run(scene, tmp_path)
+    np.testing.assert_allclose(frequencies(segmented)[:6], frequencies(elastic)[:6], rtol=0.02)
+    skin, shifts = segmented.view.skins["column"], segmented.view.poses["reference"].shifts["column"]
+    bending = next(i for i, share in enumerate(segmented.modal[0].energy_share) if share.get("column", 0.0) > 0.2)
+    rigid = rigid_map(skin.points, np.zeros(3))
+    shape = shifts[bending].ravel()
+    left = shape - rigid @ np.linalg.lstsq(rigid, shape)[0]
+    # no rigid motion explains it, and no section turns or moves by a step
+    assert np.linalg.norm(left) > 0.05 * np.linalg.norm(shape)
+    edge = np.argsort(skin.points[:, 2])[:: len(skin.points) // len(np.unique(skin.points[:, 2]))]
+    steps = np.linalg.norm(np.diff(shifts[bending][edge], axis=0), axis=1)
+    assert steps.max() < 4.0 * steps.mean()
 
 
 def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(tmp_path: Path) -> None:
