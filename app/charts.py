@@ -44,8 +44,8 @@ def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) ->
             [name for name, _ in rows], [100 * share for _, share in rows], color=[colors.get(n, JOINT_COLOR) for n, _ in rows]
         )
         axes.set_title(f"{direction}: share of the compliance [%]", fontsize=9, color=INK, loc="left")
-        _calm(axes)
-    return _pixels(figure)
+        calm_axes(axes)
+    return read_pixels(figure)
 
 
 def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
@@ -58,11 +58,12 @@ def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
     axes.set_ylim(len(modal) - 0.4, -0.6)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("natural frequency [Hz]", fontsize=9, color=INK)
-    _calm(axes)
-    return _pixels(figure)
+    calm_axes(axes)
+    return read_pixels(figure)
 
 
-def _calm(axes: Axes) -> None:
+def calm_axes(axes: Axes) -> None:
+    """Leave only what is read: no frame, a faint grid."""
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     axes.spines["bottom"].set_color(FAINT)
@@ -71,7 +72,8 @@ def _calm(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def _pixels(figure: Figure) -> NDArray[np.uint8]:
+def read_pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Pixels ``(height, width, 4)`` of a figure."""
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return np.array(canvas.buffer_rgba(), dtype=np.uint8)

@@ -94,6 +94,37 @@ def run(
 
 
 @app.command()
+def study(
+    scene: SceneFile,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [studies.NAME].")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")
+    ] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    cold: Annotated[
+        bool, typer.Option("--cold", help="Compute every point from an empty store, so that its seconds are all of them.")
+    ] = False,
+    repeats: Annotated[
+        int | None, typer.Option("--repeats", metavar="N", min=1, max=100, help="Runs per point, for median and spread of seconds.")
+    ] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Compute failed points again.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Vary keys of a scene and watch results; a study that was stopped goes on where it was."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.studying import StudyRequest, study_request
+
+        settings = (output, variant, tuple(set_ or ()), ranks)
+        return study_request(StudyRequest(scene, name, *settings, cold=cold, repeats=repeats, retry=retry, json_file=json), comm)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
 def show(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")] = None,

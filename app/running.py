@@ -16,7 +16,7 @@ from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.results import dump_json, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import Analyses, Scene
+from headstock.pipeline.scene import Analyses, Scene, keep_analyses
 from headstock.pipeline.scene_loader import load_scene
 
 
@@ -85,10 +85,7 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
     for name in names:
         if name not in present:
             raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")
-    if not names:
-        return scene
-    kept = {kind: getattr(scene.analyses, kind) if kind in names else None for kind in kinds}
-    return dataclasses.replace(scene, analyses=Analyses(**kept))
+    return keep_analyses(scene, names) if names else scene
 
 
 def _load(request: RunRequest) -> Scene:

@@ -11,9 +11,16 @@ from pathlib import Path
 
 @dataclass
 class Cost:
-    """What a piece of work cost; filled in when it ends: seconds, and peak resident memory [MB] of this process or its children."""
+    """What a piece of work cost; filled in when it ends.
+
+    Attributes:
+        seconds: Wall-clock time [s].
+        cpu_seconds: Processor time of all threads and of children that have ended [s].
+        peak_rss_mb: Peak resident memory of this process or its children [MB].
+    """
 
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     peak_rss_mb: float = 0.0
 
 
@@ -23,11 +30,12 @@ def measure() -> Iterator[Cost]:
     cost = Cost()
     children = _children_kb()
     _restart_peak()
-    start = time.perf_counter()
+    start, cpu_start = time.perf_counter(), _cpu_seconds()
     try:
         yield cost
     finally:
         cost.seconds = time.perf_counter() - start
+        cost.cpu_seconds = _cpu_seconds() - cpu_start
         # children's peak is a maximum over all that ever ran: it says something about this work only when it rose
         child = _children_kb() if _children_kb() > children else 0
         cost.peak_rss_mb = max(peak_memory_mb(), child / 1024.0)
@@ -43,6 +51,11 @@ def peak_memory_mb() -> float:
     except OSError:
         match = None
     return (int(match[1]) if match else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024.0
+
+
+def _cpu_seconds() -> float:
+    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 def _restart_peak() -> None:

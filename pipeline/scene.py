@@ -1,10 +1,13 @@
 """The scene: a machine, where it stands, and what is to be computed of it."""
 
+import dataclasses
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from headstock.geometry.machines import Machine, Pose
+from headstock.pipeline.study_points import Study
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Scene:
         limits: What a run may cost.
         warnings: What is allowed but looks wrong, each with its place.
         variant: Variant that was applied.
+        studies: What may be varied, by name.
     """
 
     name: str
@@ -70,3 +74,12 @@ class Scene:
     limits: Limits = field(default_factory=Limits)
     warnings: tuple[str, ...] = ()
     variant: str | None = None
+    studies: dict[str, Study] = field(default_factory=dict)
+
+
+def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
+    """The scene with only the named ones of its analyses."""
+    kept = {
+        item.name: getattr(scene.analyses, item.name) if item.name in names else None for item in dataclasses.fields(scene.analyses)
+    }
+    return dataclasses.replace(scene, analyses=Analyses(**kept))

@@ -1,6 +1,6 @@
 """Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +10,24 @@ from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene
 from headstock.pipeline.scene_names import check_references
-from headstock.pipeline.scene_overrides import apply_settings, apply_variant
+from headstock.pipeline.scene_overrides import apply_settings, apply_values, apply_variant
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
+from headstock.pipeline.study_builder import build_study
 
 DEFAULT_MODES = 6
 
 
-def load_scene(path: Path, *, variant: str | None = None, overrides: Sequence[str] = ()) -> Scene:
+def load_scene(
+    path: Path, *, variant: str | None = None, overrides: Sequence[str] = (), values: Mapping[str, Any] | None = None
+) -> Scene:
     """Load a scene file.
 
     Args:
         path: A ``.toml`` file; files it refers to lie in its folder.
         variant: One of the scene's variants or several joined by ``+``, applied first.
         overrides: ``key=value`` settings with dotted keys, applied after the variant in the order given.
+        values: Dotted key to a value as TOML parses it, applied last: a point of a study.
 
     Returns:
         The scene with its machine in SI units.
@@ -34,6 +38,7 @@ def load_scene(path: Path, *, variant: str | None = None, overrides: Sequence[st
     findings = Findings(str(path))
     raw = apply_variant(read_scene(path, findings), variant, findings)
     apply_settings(raw, overrides, findings)
+    apply_values(raw, values or {}, findings)
     table = validate_tables(raw, findings)
     if table is not None:
         complete = not findings.problems
@@ -60,6 +65,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
         warnings=tuple(warnings),
         variant=variant,
+        studies={name: build_study(name, study) for name, study in table.studies.items()},
     )
 
 

@@ -9,7 +9,10 @@ from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_overrides import path_exists
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_connections import JointTable
+from headstock.pipeline.schema_studies import FamilyTable, StudyTable
+from headstock.pipeline.study_points import VARIANT
 from headstock.pipeline.toml_positions import KeyPath
+from headstock.pipeline.watch_paths import parse_watch
 
 
 @dataclass(frozen=True)
@@ -137,14 +140,44 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
     for axis in scene.drives:
         _check_name(("drives", axis), axis, "axes", names, findings, "axis")
     for name, study in scene.studies.items():
-        for path in study.vary:
-            if reason := path_exists(raw, path):
-                findings.add(("studies", name, "vary", path), reason)
+        _check_study(name, study, scene, raw, findings)
     static, modal = scene.analyses.static, scene.analyses.modal
     for index, point in enumerate(static.at or () if static else ()):
         _check_name(("analyses", "static", "at", index), point, "points", names, findings)
     _check_poses("static", static.poses if static else None, names, findings)
     _check_poses("modal", modal.poses if modal else None, names, findings)
+
+
+def _check_study(name: str, study: StudyTable, scene: SceneTable, raw: Mapping[str, Any], findings: Findings) -> None:
+    key: KeyPath = ("studies", name)
+    named = [((*key, "families", family), table) for family, table in study.families.items()]
+    parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
+    for place, table in parts:
+        varied = table.vary or {}
+        for section, paths in (("vary", varied), ("set", table.set)):
+            for path in paths:
+                if not (section == "vary" and path == VARIANT) and (reason := path_exists(raw, path)):
+                    findings.add((*place, section, path), reason)
+        for variant in varied.get(VARIANT, ()):
+            if variant and variant not in scene.variants:
+                hint = suggest_names(variant, scene.variants, what="variants")
+                findings.add(
+                    (*place, "vary", VARIANT), f'unknown variant {str(variant)[:80]!r}; {hint}; "" is the scene as it stands'
+                )
+        for analysis in table.analyses or ():
+            asked = [kind for kind in ("static", "modal") if getattr(scene.analyses, kind) is not None]
+            if analysis not in asked:
+                findings.add((*place, "analyses"), f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}")
+    for index, watch in enumerate(study.watch or ()):
+        _check_watch((*key, "watch", index), watch, scene, findings)
+
+
+def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings) -> None:
+    root, *rest = parse_watch(watch).steps
+    sections: dict[object, Mapping[str, object]] = {"static": scene.points, "components": scene.components}
+    known = sections.get(root)
+    if known is not None and rest and rest[0] not in known:
+        findings.add(key, f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}")
 
 
 def _check_poses(analysis: str, poses: Iterable[str] | None, names: SceneNames, findings: Findings) -> None:

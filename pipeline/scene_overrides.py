@@ -77,6 +77,12 @@ def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findi
         _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
 
 
+def apply_values(raw: dict[str, Any], values: Mapping[str, Any], findings: Findings) -> None:
+    """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study."""
+    for key, value in values.items():
+        _override(raw, _split_key(key), copy.deepcopy(value), Origin(None, f"study: {key} = {value}"), findings, record=True)
+
+
 def path_exists(raw: Mapping[str, Any], key: str) -> str:
     """Say why a dotted key cannot be set in a scene; empty when it can."""
     probe = dict(raw)

@@ -6,6 +6,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.pipeline.schema_studies import StudyTable
 from headstock.pipeline.schema_types import (
     MAX_POSES,
     AxisPosition,
@@ -75,13 +76,6 @@ class SweepTable(StrictTable):
     """Positions of axes at which the analyses are repeated."""
 
     axes: Annotated[dict[Name, Span], Field(min_length=1)]
-
-
-class StudyTable(StrictTable):
-    """Keys of the scene that are varied and results that are watched."""
-
-    vary: Annotated[dict[str, Annotated[list[Any], Field(min_length=1, max_length=100_000)]], Field(min_length=1)]
-    watch: Names
 
 
 class LimitsTable(StrictTable):

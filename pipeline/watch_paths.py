@@ -1,0 +1,122 @@
+"""Paths into ``summary.json``: ``modal.frequencies_hz[0:6]``, ``static.tcp.compliance_um_per_kN[0][0]``, ``seconds``.
+
+A path is a row of names and indices, nothing else: it is parsed here and never evaluated as a program.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+Step = str | int | slice
+# what a summary holds at its top, and what a study itself measures of a point
+RESULT_NAMES = (
+    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "path",
+    "warnings", "failures",
+)  # fmt: skip
+MEASURED_NAMES = ("seconds", "cpu_seconds")
+MAX_STEPS = 20
+MAX_COLUMNS = 1000
+POSE_NAME = "pose_name"
+_TOKEN = re.compile(
+    r'(?P<dot>\.)?(?:(?P<name>[A-Za-z_][\w-]*)|"(?P<quoted>[^"]+)")|\[(?P<index>-?\d{1,6})\]|\[(?P<low>-?\d{0,6}):(?P<high>-?\d{0,6})\]'
+)
+_EXAMPLE = "modal.frequencies_hz[0:6]"
+
+
+class WatchError(ValueError):
+    """A path that cannot be read, or leads nowhere in a summary; the message says where it ends."""
+
+
+@dataclass(frozen=True)
+class WatchPath:
+    """A path into a summary: names, indices and slices in order."""
+
+    text: str
+    steps: tuple[Step, ...]
+
+
+def parse_watch(text: str) -> WatchPath:
+    """Read a path.
+
+    Args:
+        text: Names joined by dots (in double quotes where they hold anything but letters, digits, ``_`` and ``-``), indices
+            ``[2]`` or ``[-1]``, and ranges ``[0:6]``.
+
+    Raises:
+        WatchError: It is none, or begins with nothing that a summary holds.
+    """
+    steps: list[Step] = []
+    place = 0
+    while place < len(text):
+        match = _TOKEN.match(text, place)
+        if match is None or len(steps) >= MAX_STEPS or ((match["index"] or match["low"] is not None) and not steps):
+            raise WatchError(f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}; write a path such as {_EXAMPLE}")
+        step = _read_step(match)
+        if isinstance(step, str) and (match["dot"] is None) != (not steps):
+            raise WatchError(f"{text[:80]!r} cannot be read at {text[place : place + 20]!r}: names are joined by dots")
+        steps.append(step)
+        place = match.end()
+    known = (*RESULT_NAMES, *MEASURED_NAMES)
+    if not steps or steps[0] not in known:
+        raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(known)}")
+    return WatchPath(text, tuple(steps))
+
+
+def read_watch(path: WatchPath, summary: Any) -> dict[str, Any]:
+    """Values at the end of a path, each under the path that leads to it alone.
+
+    A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that name (``modal.left``).
+    What ends in a list gives one value per entry.
+
+    Raises:
+        WatchError: The path leads nowhere in this summary.
+    """
+    found: dict[str, Any] = {}
+    _follow(path.steps, summary, "", found)
+    return found
+
+
+def _read_step(match: re.Match[str]) -> Step:
+    if match["name"] or match["quoted"]:
+        return str(match["name"] or match["quoted"])
+    if match["index"]:
+        return int(match["index"])
+    return slice(int(match["low"]) if match["low"] else None, int(match["high"]) if match["high"] else None)
+
+
+def _follow(steps: tuple[Step, ...], value: Any, label: str, found: dict[str, Any]) -> None:
+    if len(found) > MAX_COLUMNS:
+        raise WatchError(f"{label} has more than {MAX_COLUMNS} values; name fewer")
+    if not steps:
+        if isinstance(value, dict):
+            raise WatchError(f"{label} is a table; name one of {', '.join(list(value)[:20])}")
+        if isinstance(value, list):
+            _follow((slice(None),), value, label, found)
+        else:
+            found[label] = value
+        return
+    step, rest = steps[0], steps[1:]
+    if isinstance(step, str):
+        _follow(rest, _entry(value, step, label), f"{label}.{step}" if label else step, found)
+    elif not isinstance(value, list):
+        raise WatchError(f"{label} is no list")
+    elif isinstance(step, int):
+        if not -len(value) <= step < len(value):
+            raise WatchError(f"{label} has {len(value)} entries, so there is no [{step}]")
+        _follow(rest, value[step], f"{label}[{step}]", found)
+    else:
+        for index in range(*step.indices(len(value))):
+            _follow(rest, value[index], f"{label}[{index}]", found)
+
+
+def _entry(value: Any, name: str, label: str) -> Any:
+    if isinstance(value, list):
+        poses = [entry for entry in value if isinstance(entry, dict) and POSE_NAME in entry]
+        named = [entry for entry in poses if entry[POSE_NAME] == name]
+        if named:
+            return named[0]
+        value = poses[0] if poses else value
+    if not isinstance(value, dict) or name not in value:
+        known = f"; there are: {', '.join(list(value)[:20])}" if isinstance(value, dict) and value else ""
+        raise WatchError(f"{label or 'the summary'} has no {name!r}{known}")
+    return value[name]
