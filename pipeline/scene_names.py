@@ -6,7 +6,7 @@ from typing import Any
 
 from headstock.geometry.joints import GROUND, JointEnd
 from headstock.pipeline.scene_errors import Findings, suggest_names
-from headstock.pipeline.scene_overrides import path_exists
+from headstock.pipeline.scene_overrides import path_exists, split_variant
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.schema_studies import FamilyTable, StudyTable
@@ -158,12 +158,10 @@ def _check_study(name: str, study: StudyTable, scene: SceneTable, raw: Mapping[s
             for path in paths:
                 if not (section == "vary" and path == VARIANT) and (reason := path_exists(raw, path)):
                     findings.add((*place, section, path), reason)
-        for variant in varied.get(VARIANT, ()):
-            if variant and variant not in scene.variants:
-                hint = suggest_names(variant, scene.variants, what="variants")
-                findings.add(
-                    (*place, "vary", VARIANT), f'unknown variant {str(variant)[:80]!r}; {hint}; "" is the scene as it stands'
-                )
+        chosen = [part for choice in varied.get(VARIANT, ()) if choice for part in split_variant(str(choice))]
+        for variant in (part for part in chosen if part not in scene.variants):
+            hint = suggest_names(variant, scene.variants, what="variants")
+            findings.add((*place, "vary", VARIANT), f'unknown variant {variant[:80]!r}; {hint}; "" is the scene as it stands')
         for analysis in table.analyses or ():
             asked = [kind for kind in ("static", "modal") if getattr(scene.analyses, kind) is not None]
             if analysis not in asked:

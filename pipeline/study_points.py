@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-VARIANT = "variant"  # varied like a key of the scene, by name of a variant; "" is the scene as it stands
+VARIANT = "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
 MAX_POINTS = 100_000
 
 
@@ -60,14 +60,14 @@ class StudyPoint:
         family: Name of its family.
         varied: Dotted key (or ``variant``) to the value it has here.
         settings: Every override, fixed and varied, in the order in which they apply.
-        variant: Variant of the scene it starts from; None for the one the study was started with.
+        variant: Variant of the scene that applies after the one the study was started with; empty for none.
         analyses: What is computed; empty for all the scene asks for.
     """
 
     family: str
     varied: Mapping[str, Any]
     settings: Mapping[str, Any] = field(default_factory=dict)
-    variant: str | None = None
+    variant: str = ""
     analyses: tuple[str, ...] = ()
 
 
@@ -91,7 +91,7 @@ def expand_study(study: Study) -> tuple[StudyPoint, ...]:
 def make_point(family: StudyFamily, varied: Mapping[str, Any]) -> StudyPoint:
     """The point of a family at which varied keys have these values."""
     settings = {**family.settings, **{key: value for key, value in varied.items() if key != VARIANT}}
-    return StudyPoint(family.name, dict(varied), settings, varied.get(VARIANT), family.analyses)
+    return StudyPoint(family.name, dict(varied), settings, str(varied.get(VARIANT, "")), family.analyses)
 
 
 def _combinations(family: StudyFamily) -> Iterator[tuple[Any, ...]]:

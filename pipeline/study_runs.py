@@ -24,6 +24,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses
 from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.scene_overrides import VARIANT_JOINER, split_variant
 from headstock.pipeline.store import Store, default_store_root
 from headstock.pipeline.study_points import Study, StudyPoint, expand_study, make_point
 from headstock.pipeline.study_records import StudyRecord, append_record, read_records
@@ -152,7 +153,7 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     content = {
         "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
         "files": dict(_file_digests(job.path.parent, job.raw)),
-        "variant": job.raw.get("variants", {}).get(point.variant or ""),
+        "variant": [job.raw["variants"][name] for name in split_variant(point.variant or None)],
         "settings": dict(point.settings),
         "analyses": sorted(point.analyses),
         "timing": (job.study.cold, job.study.repeats, ranks) if job.study.cold or job.study.repeats > 1 else None,
@@ -182,7 +183,7 @@ def _file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
 
 
 def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
-    variant = job.variant if point.variant is None else point.variant or None
+    variant = VARIANT_JOINER.join(filter(None, [job.variant, point.variant])) or None
     scene = load_scene(job.path, variant=variant, overrides=job.overrides, values=point.settings)
     return keep_analyses(scene, point.analyses) if point.analyses else scene
 
