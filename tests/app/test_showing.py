@@ -38,7 +38,7 @@ def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(folder: Path
     pasted = tomllib.loads(table)["components"]["support"]["interfaces"]
     assert pasted["bottom"] == {"face": "z-"}
     assert pasted["bore"]["patches"] == [{"face": "face:12"}, {"face": "face:22"}]
-    assert {hole["radius"] for hole in listed["holes"]} == {pytest.approx(r, abs=1e-5) for r in (0.0015, 0.003, 0.0125)}
+    assert {round(1000 * hole["radius"], 2) for hole in listed["holes"]} == {1.5, 3.0, 12.5}
 
 
 def test_every_side_of_a_box_gets_its_number() -> None:
