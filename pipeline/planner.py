@@ -11,7 +11,7 @@ from typing import assert_never
 
 import numpy as np
 
-from headstock.geometry.components import Component, ReductionSettings
+from headstock.geometry.components import Component, Fidelity, ReductionSettings
 from headstock.geometry.machines import Pose
 from headstock.geometry.solids import MeshFile, SuperelementFile
 from headstock.meshing.component_meshing import estimate_cells
@@ -52,7 +52,7 @@ def plan_scene(scene: Scene) -> Plan:
     stages: list[Stage] = []
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, modal)
-        components[name] = dataclasses.replace(component, reduction=settings)
+        components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
         stages += _component_stages(components[name], reason, scene.limits)
     poses = choose_poses(scene)
     for pose in poses.values():
@@ -104,6 +104,16 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     return {first: scene.poses[first]}
 
 
+def is_lumped(scene: Scene) -> bool:
+    """Whether the scene's mechanism is itself the model: rigid bodies on springs in its legs."""
+    return scene.mechanism is not None and scene.mechanism.model == "lumped"
+
+
+def _fidelity(component: Component, scene: Scene) -> Fidelity:
+    """As the scene says; every body of a lumped mechanism is rigid."""
+    return "rigid" if is_lumped(scene) else component.fidelity
+
+
 def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
 
@@ -132,7 +142,10 @@ def _component_stages(component: Component, reason: str, limits: Limits) -> Sequ
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     static, modal = scene.analyses.static, scene.analyses.modal
     parts = f"{len(scene.machine.components)} components at {len(scene.machine.joints)} joints"
-    stages = [Stage("couple", None, parts, pose=pose.name)]
+    if is_lumped(scene):
+        stages = [Stage("place", None, "loops closed in the pose, bodies and springs in its legs", pose=pose.name)]
+    else:
+        stages = [Stage("couple", None, parts, pose=pose.name)]
     if static is not None and _is_asked(pose.name, static.poses):
         stages.append(Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name))
     if static is not None and scene.machine.probes and _is_asked(pose.name, static.poses):

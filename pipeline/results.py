@@ -1,5 +1,6 @@
 """What a run found: the types, and how they read as ``summary.json``."""
 
+import dataclasses
 import json
 import math
 from dataclasses import dataclass, field
@@ -109,6 +110,14 @@ class PoseModes:
     placements: dict[str, Frame] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class MechanismPose:
+    """A closed-loop mechanism in a pose: its coordinates [m, rad] and how well its drives command the wrist centre."""
+
+    coordinates: dict[str, float]
+    condition_number: float
+
+
 @dataclass(frozen=True, eq=False)
 class Results:
     """Everything a run found.
@@ -127,6 +136,7 @@ class Results:
         warnings: In plain words.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
+        mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
         files: SHA-256 by file name of what was written beside the summary.
     """
 
@@ -144,6 +154,7 @@ class Results:
     probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
     view: MachineView = field(default_factory=MachineView)
     files: dict[str, str] = field(default_factory=dict)
+    mechanism: dict[str, MechanismPose] = field(default_factory=dict)
 
 
 def summarise(results: Results) -> Json:
@@ -172,6 +183,8 @@ def summarise(results: Results) -> Json:
         summary["probes"] = {
             pose: {name: _summarise_probe(name, probe) for name, probe in probes.items()} for pose, probes in results.probes.items()
         }
+    if results.mechanism:
+        summary["mechanism"] = {pose: dataclasses.asdict(found) for pose, found in results.mechanism.items()}
     if len(by_pose) > 1:
         summary["static_poses"] = by_pose
     return summary

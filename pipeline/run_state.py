@@ -7,8 +7,9 @@ from mpi4py import MPI
 from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
+from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
-from headstock.pipeline.results import PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan
 from headstock.pipeline.store import Store
@@ -42,6 +43,8 @@ class RunState:
     modal: list[PoseModes] = field(default_factory=list)
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
+    placed: PlacedMechanism | None = None
+    mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)

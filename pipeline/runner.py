@@ -19,6 +19,7 @@ from headstock.pipeline.component_stages import (
 from headstock.pipeline.content_keys import library_versions
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.mechanism_stages import run_lumped_modal_stage, run_lumped_static_stage, run_place_stage
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.probe_stages import run_recover_stage
 from headstock.pipeline.rank_messages import share_from_root
@@ -43,7 +44,10 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "static": run_static_stage,
     "recover": run_recover_stage,
     "modal": run_modal_stage,
+    "place": run_place_stage,
 }
+# what differs once a lumped mechanism has been placed
+LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage}
 
 
 def run_scene(
@@ -101,6 +105,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         static=state.static,
         probes=state.probes,
         modal=tuple(state.modal),
+        mechanism=state.mechanism,
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         points={name: item.recovery_points for name, item in superelements.items() if item.recovery_points is not None},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),
@@ -113,7 +118,8 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
 
 def _run_stage(state: RunState, stage: Stage, output: Path, pending: PendingFiles) -> Outcome:
     if stage.kind != "write":
-        return HANDLERS[stage.kind](state, stage)
+        handlers = HANDLERS if state.placed is None else LUMPED_HANDLERS
+        return handlers[stage.kind](state, stage)
     if state.is_root:
         for message in find_warnings(state):
             state.warn(message)

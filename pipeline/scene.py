@@ -4,10 +4,16 @@ import dataclasses
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from headstock.geometry.exechon_poses import MountedExechon
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
 from headstock.pipeline.study_points import Study
+
+# the axes of a mechanism's tool pose: place of the tool point, and turns of the tool about the machine's x and y
+TOOL_AXES = ("X", "Y", "Z", "A", "B")
+TOOL_POINT, TOOL_TURNS = TOOL_AXES[:3], TOOL_AXES[3:]
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,44 @@ class Limits:
     time_s: float | None = None
 
 
+@dataclass(frozen=True)
+class LegSprings:
+    """Springs of each leg of a lumped mechanism.
+
+    Attributes:
+        joint: Platform joint, along and across the leg [N/m].
+        drive: Nut and bearings, along the leg [N/m].
+        screw: Young's modulus times section of the screw [N].
+        screw_offset: Free length of the screw less the length of the leg [m].
+    """
+
+    joint: float
+    drive: float
+    screw: float
+    screw_offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMechanism:
+    """The closed-loop mechanism of a scene.
+
+    Attributes:
+        kind: Which mechanism.
+        model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the components it carries.
+        mounted: Dimensions, place and limits.
+        tool: ``(3,)`` direction of the tool in the machine frame where a pose does not turn it.
+        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to that mark.
+        springs: For the lumped model.
+    """
+
+    kind: str
+    model: Literal["lumped", "components"]
+    mounted: MountedExechon
+    tool: FloatArray
+    carries: dict[str, str]
+    springs: LegSprings | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene that has passed every check.
@@ -61,6 +105,7 @@ class Scene:
         warnings: What is allowed but looks wrong, each with its place.
         variant: Variant that was applied.
         studies: What may be varied, by name.
+        mechanism: The closed-loop mechanism that carries components, if any.
     """
 
     name: str
@@ -75,6 +120,7 @@ class Scene:
     warnings: tuple[str, ...] = ()
     variant: str | None = None
     studies: dict[str, Study] = field(default_factory=dict)
+    mechanism: SceneMechanism | None = None
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:

@@ -9,6 +9,7 @@ from headstock.pipeline.component_builder import bounding_box, build_solid
 from headstock.pipeline.effects import find_effect_fault
 from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_faults
 from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
+from headstock.pipeline.mechanism_checks import is_lumped
 from headstock.pipeline.patch_checks import find_patch_fault
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_names import is_known_end, sound_joints
@@ -37,7 +38,7 @@ def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, comple
     _check_areas(scene, solids, findings)
     _check_probes(scene, findings)
     _check_joints(scene, findings)
-    if complete:
+    if complete and not is_lumped(scene):
         _check_floating(scene, findings)
     _check_axes(scene, findings, complete=complete)
     _check_poses(scene, findings)

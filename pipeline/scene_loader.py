@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from headstock.pipeline.machine_builder import build_machine, build_poses
+from headstock.pipeline.mechanism_builder import build_mechanism
+from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.scene import Analyses, Limits, ModalRequest, Scene, StaticRequest
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
@@ -44,6 +46,7 @@ def load_scene(
         complete = not findings.problems
         check_references(table, raw, findings)
         check_physics(table, path.parent, findings, complete=complete)
+        check_mechanism(table, findings, complete=complete)
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
@@ -66,6 +69,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         warnings=tuple(warnings),
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
+        mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from headstock.geometry.joints import GROUND, JointEnd
+from headstock.pipeline.scene import TOOL_AXES
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_overrides import path_exists, split_variant
 from headstock.pipeline.scene_schema import SceneTable
@@ -31,6 +32,8 @@ class SceneNames:
 def collect_names(raw: Mapping[str, Any]) -> SceneNames:
     """Names of a parsed scene, valid or not."""
     sections = {key: frozenset(value) for key, value in raw.items() if isinstance(value, dict)}
+    if "mechanism" in raw:
+        sections["axes"] = sections.get("axes", frozenset()) | set(TOOL_AXES)
     interfaces: dict[str, frozenset[str] | None] = {}
     components = raw.get("components")
     for name, entry in components.items() if isinstance(components, dict) else ():

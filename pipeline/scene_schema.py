@@ -6,6 +6,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.schema_studies import StudyTable
 from headstock.pipeline.schema_types import (
     MAX_POSES,
@@ -105,6 +106,7 @@ class SceneTable(StrictTable):
     supports: dict[Name, SupportTable] = {}
     loads: dict[Name, LoadTable] = {}
     probes: dict[Name, ProbeTable] = {}
+    mechanism: MechanismTable | None = None
     variants: dict[Name, dict[str, Any]] = {}
     poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
     sweeps: dict[Name, SweepTable] = {}

@@ -1,5 +1,6 @@
 """Small motions of a compliant mechanism about poses: its second-order system, natural modes, static compliance (eq. 15)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,18 +22,18 @@ class SmallMotions:
         from_compliant: ``(..., n, c)`` motion of all coordinates per compliant coordinate.
         mass: ``(..., c, c)``.
         stiffness: ``(..., c)`` [N/m].
-        tool: ``(..., 6, c)`` motion of the tool point and its turning in the ground frame of the chains.
+        gravity: ``(..., c)`` generalised gravity forces [N].
     """
 
     kinematics: Kinematics
     from_compliant: FloatArray
     mass: FloatArray
     stiffness: FloatArray
-    tool: FloatArray
+    gravity: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class PoseModes:
+class LumpedModes:
     """Natural modes of many poses.
 
     Attributes:
@@ -52,14 +53,23 @@ def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotio
     kinematics = evaluate_kinematics(mechanism, states)
     from_compliant = velocity_maps(mechanism, kinematics.closures)[1]
     dynamics = evaluate_dynamics(model, kinematics)
-    mass = np.swapaxes(from_compliant, -1, -2) @ dynamics.mass @ from_compliant
-    tool = mechanism.marks.index(model.tool)
-    motion = np.concatenate([kinematics.of_position[..., tool, :, :], kinematics.of_turn[..., tool, :, :]], axis=-2)
+    left = np.swapaxes(from_compliant, -1, -2)
     stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
-    return SmallMotions(kinematics, from_compliant, mass, stiffness, motion @ from_compliant)
+    gravity = (left @ dynamics.load[..., None])[..., 0]
+    return SmallMotions(kinematics, from_compliant, left @ dynamics.mass @ from_compliant, stiffness, gravity)
 
 
-def solve_pose_modes(motions: SmallMotions) -> PoseModes:
+def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> FloatArray:
+    """``(..., 6, c)`` motion of a mark's origin and its turning per compliant coordinate, in the ground frame of the chains."""
+    place = model.mechanism.marks.index(mark)
+    kinematics = motions.kinematics
+    return np.asarray(
+        np.concatenate([kinematics.of_position[..., place, :, :], kinematics.of_turn[..., place, :, :]], axis=-2)
+        @ motions.from_compliant
+    )
+
+
+def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
     """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1`` of the mass is not needed.
 
     ``M x = (1 / omega^2) S^2 x`` with ``y = S x`` is the symmetric problem ``(S^-1 M S^-1) y = y / omega^2``.
@@ -68,30 +78,29 @@ def solve_pose_modes(motions: SmallMotions) -> PoseModes:
     squares, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
     squares, vectors = squares[..., ::-1], vectors[..., ::-1]
     shapes = vectors / root[..., :, None] / np.sqrt(squares)[..., None, :]
-    return PoseModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
+    return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
 
 
-def tool_compliance(motions: SmallMotions) -> FloatArray:
+def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:
     """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1 J^T``."""
-    return np.asarray((motions.tool / motions.stiffness[..., None, :]) @ np.swapaxes(motions.tool, -1, -2))
+    tool = mark_motion(model, motions, model.tool)
+    return np.asarray((tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2))
 
 
-def pose_system(model: CompliantMechanism, motions: SmallMotions, point: str, axes: FloatArray) -> SecondOrderSystem:
-    """One pose as a second-order system with the tool point as its port.
+def pose_system(model: CompliantMechanism, motions: SmallMotions, ports: Mapping[str, FloatArray]) -> SecondOrderSystem:
+    """One pose as a second-order system.
 
     Args:
         model: The mechanism.
         motions: At one pose.
-        point: Name of the tool point, for the labels of inputs and outputs.
-        axes: ``(3, 3)`` columns are the axes of the ports in the ground frame of the chains.
+        ports: Name of a point to ``(6, c)`` its motion per compliant coordinate.
     """
-    turned = np.kron(np.eye(2), axes.T) @ motions.tool
-    ports = {(point, name): turned[row] for row, name in enumerate(DOF_NAMES)}
+    rows = {(name, dof): motion[row] for name, motion in ports.items() for row, dof in enumerate(DOF_NAMES)}
     return SecondOrderSystem(
-        mass=motions.mass,
+        mass=0.5 * (motions.mass + motions.mass.T),
         damping=model.damping,
         stiffness=np.diag(motions.stiffness),
-        inputs=ports,
-        outputs=ports,
+        inputs=rows,
+        outputs=rows,
         labels=model.springs.labels,
     )

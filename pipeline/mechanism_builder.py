@@ -1,0 +1,56 @@
+"""From a scene's mechanism table to the mounted mechanism, and from tool poses to where everything stands."""
+
+import numpy as np
+
+from headstock.geometry.exechon import ExechonDimensions
+from headstock.geometry.exechon_poses import MountedExechon, solve_tool_pose
+from headstock.geometry.frames import FloatArray, rotation_about
+from headstock.geometry.machines import Pose
+from headstock.pipeline.component_builder import build_frame
+from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, LegSprings, SceneMechanism
+from headstock.pipeline.schema_mechanism import ExechonTable, MechanismTable
+
+
+def build_mechanism(table: MechanismTable) -> SceneMechanism:
+    """The mechanism of a scene that has passed every check."""
+    limits = {name: (low.value, high.value) for name, (low, high) in table.limits.items()}
+    mounted = MountedExechon(build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits)
+    springs = None if table.springs is None else LegSprings(**table.springs.model_dump())
+    return SceneMechanism(
+        kind=table.kind,
+        model=table.model,
+        mounted=mounted,
+        tool=np.array(table.tool),
+        carries={component: mark for mark, names in table.carries.items() for component in names},
+        springs=springs,
+    )
+
+
+def build_dimensions(table: ExechonTable) -> ExechonDimensions:
+    """Dimensions of an Exechon."""
+    return ExechonDimensions(
+        base=(table.base[0], table.base[1], table.base[2]),
+        platform=(table.platform[0], table.platform[1], table.platform[2]),
+        universal_offsets=(table.universal_offsets[0], table.universal_offsets[1]),
+        platform_heights=(table.platform_heights[0], table.platform_heights[1]),
+        wrist=(table.wrist[0], table.wrist[1]),
+        tool_length=table.tool_length,
+    )
+
+
+def tool_pose(mechanism: SceneMechanism, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the tool about x, then about y."""
+    point = np.array([pose.positions.get(axis, 0.0) for axis in TOOL_POINT])
+    direction = mechanism.tool
+    for axis, about in zip(TOOL_TURNS, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
+        direction = rotation_about(np.array(about), pose.positions.get(axis, 0.0)) @ direction
+    return point, direction
+
+
+def solve_pose(mechanism: SceneMechanism, pose: Pose) -> FloatArray:
+    """Coordinates of the mechanism in a pose.
+
+    Raises:
+        PoseError: The pose is out of reach, singular or beyond a joint's limits.
+    """
+    return solve_tool_pose(mechanism.mounted, *tool_pose(mechanism, pose))

@@ -1,0 +1,94 @@
+"""Checks of a scene's mechanism: what it carries, its limits, and that it can take every pose."""
+
+from headstock.geometry.errors import PoseError
+from headstock.geometry.exechon import LENGTHS, exechon_mechanism
+from headstock.geometry.machines import Pose
+from headstock.geometry.mechanisms import Mechanism
+from headstock.pipeline.mechanism_builder import build_dimensions, build_mechanism, solve_pose
+from headstock.pipeline.scene import TOOL_AXES, TOOL_POINT
+from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_mechanism import MechanismTable
+from headstock.pipeline.units import ANGLE, LENGTH, Quantity
+
+
+def is_lumped(scene: SceneTable) -> bool:
+    """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
+    return scene.mechanism is not None and scene.mechanism.model == "lumped"
+
+
+def check_mechanism(scene: SceneTable, findings: Findings, *, complete: bool) -> None:
+    """Report what is wrong with a mechanism and the poses it is to take."""
+    table = scene.mechanism
+    if table is None:
+        return
+    known = len(findings.problems)
+    mechanism = exechon_mechanism(build_dimensions(table.dimensions))
+    _check_carried(table, mechanism, scene, findings)
+    _check_limits(table, mechanism, findings)
+    for name in set(scene.axes) & set(TOOL_AXES):
+        findings.add(("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis")
+    _check_pose_units(scene, findings)
+    if complete and len(findings.problems) == known:
+        _check_reach(table, scene, findings)
+
+
+def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings) -> None:
+    seen: dict[str, str] = {}
+    for mark, names in table.carries.items():
+        if mark not in mechanism.marks:
+            hint = suggest_names(mark, mechanism.marks, what="bodies of the mechanism")
+            findings.add(("mechanism", "carries", mark), f"unknown body {mark!r}; {hint}")
+        for index, name in enumerate(names):
+            key = ("mechanism", "carries", mark, index)
+            if name not in scene.components:
+                findings.add(key, f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}")
+            if name in seen:
+                findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
+            seen[name] = mark
+    if is_lumped(scene):
+        for name in scene.loads:
+            findings.add(("loads", name), 'the lumped model takes no loads but gravity; remove it, or write model = "components"')
+        for name, point in scene.points.items():
+            if point.tool.component not in seen or point.work.component is not None:
+                findings.add(
+                    ("points", name),
+                    'the lumped model knows motions of carried components against ground only; write work = "ground"',
+                )
+
+
+def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Findings) -> None:
+    movable = (*mechanism.driven, *mechanism.passive)
+    for name, values in table.limits.items():
+        key = ("mechanism", "limits", name)
+        if name not in movable:
+            findings.add(key, f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}")
+            continue
+        wanted = LENGTH if name in LENGTHS else ANGLE
+        if any(value.dimension != wanted for value in values):
+            findings.add(key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"')
+        elif values[0].value >= values[1].value:
+            findings.add(key, "the lower limit must be below the upper one")
+
+
+def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
+    values: list[tuple[tuple[str | int, ...], str, Quantity]] = []
+    for pose, positions in scene.poses.items():
+        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
+    for sweep, table in scene.sweeps.items():
+        for axis, span in table.axes.items():
+            values += [(("sweeps", sweep, "axes", axis, i), axis, value) for i, value in enumerate((span.low, span.high))]
+    for key, axis, value in values:
+        wanted = LENGTH if axis in TOOL_POINT else ANGLE
+        if axis in TOOL_AXES and value.dimension != wanted:
+            findings.add(key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"')
+
+
+def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:
+    mechanism = build_mechanism(table)
+    for name, positions in scene.poses.items():
+        pose = Pose(name, {axis: value.value for axis, value in positions.items() if axis in TOOL_AXES})
+        try:
+            solve_pose(mechanism, pose)
+        except PoseError as error:
+            findings.add(("poses", name), f"cannot be taken: {error}")

@@ -1,0 +1,57 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.results import Json, summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene_loader import load_scene
+
+SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
+# the first and third measured mode of the paper's figure 12
+MEASURED = {"config_1": (46.2, 71.3), "config_2": (49.4, 71.3), "config_3": (39.6, 58.4)}
+
+
+@pytest.fixture(scope="module")
+def summary(tmp_path_factory: pytest.TempPathFactory) -> Json:
+    folder = tmp_path_factory.mktemp("tripteor")
+    written = summarise(run_scene(load_scene(SCENE, variant="lumped"), folder, comm=MPI.COMM_SELF))
+    assert json.loads((folder / "summary.json").read_text())["modal"] == written["modal"]
+    return written
+
+
+def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(summary: Json) -> None:
+    found = {modes["pose_name"]: modes["frequencies_hz"][:2] for modes in summary["modal"]}
+    assert set(found) == set(MEASURED)
+    for name, measured in MEASURED.items():
+        assert np.allclose(found[name], measured, rtol=0.01)
+
+
+def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary: Json) -> None:
+    for modes in summary["modal"]:
+        first, second = modes["energy_share"][:2]
+        assert 0.6 < first["leg_3"] < 0.7 and second["leg_1"] + second["leg_2"] > 0.97
+        assert sum(first.values()) == pytest.approx(1.0)
+        assert "swings about the common axis" in modes["mode_names"][0] and "tilts" in modes["mode_names"][1]
+        assert sum(modes["kinetic_share"][0].values()) == pytest.approx(1.0)
+
+
+def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: Json) -> None:
+    stiffness = {pose: 1e3 / np.diag(points["tcp"]["compliance_um_per_kN"]) for pose, points in summary["static_poses"].items()}
+    assert np.allclose(stiffness["config_1"], [30.3, 30.7, 21.9], atol=0.1)
+    assert np.allclose(stiffness["config_3"], [26.3, 24.1, 15.6], atol=0.1)
+    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in summary["static"]["tcp"]["budget"].values())
+    assert all(3.0 < pose["condition_number"] < 5.0 for pose in summary["mechanism"].values())
+    assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == pytest.approx(0.786, abs=5e-4)
+
+
+def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary: Json, tmp_path: Path) -> None:
+    names = ("sleeve_1", "sleeve_2", "sleeve_3", "beam_1", "beam_2", "beam_3", "platform", "wrist", "spindle")
+    masses = {name: fact["mass_kg"] for name, fact in summary["components"].items()}
+    settings = [f'components.{name}.mass="{2.0 * masses[name]!r} kg"' for name in names]
+    settings += ['mechanism.springs={joint = "550 N/um", drive = "750 N/um", screw = "824 MN"}', 'analyses.modal.poses="config_2"']
+    heavier = summarise(run_scene(load_scene(SCENE, variant="lumped", overrides=settings), tmp_path, comm=MPI.COMM_SELF))
+    alike = next(modes for modes in summary["modal"] if modes["pose_name"] == "config_2")
+    assert np.allclose(heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12)

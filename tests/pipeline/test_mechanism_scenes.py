@@ -1,0 +1,39 @@
+"""What is wrong with a mechanism in a scene is said before anything is computed."""
+
+from pathlib import Path
+
+import pytest
+
+from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.scene_errors import SceneError
+from headstock.pipeline.scene_loader import load_scene
+
+SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
+
+
+@pytest.mark.parametrize(("override", "key", "message"), [
+    ('poses.config_1.Z="3 m"', "poses.config_1", "outside 600 to 1600 mm"),
+    ('poses.config_1={ X = "-990 mm", Z = "985 mm" }', "poses.config_1", "common axis"),
+    ('poses.config_1={ Z = "30 deg" }', "poses.config_1.Z", "measured as length"),
+    ('poses.config_1={ Q = "30 mm" }', "poses.config_1.Q", "unknown axis 'Q'"),
+    ('mechanism.carries.tip_9="beam_1"', "mechanism.carries.tip_9", "did you mean 'tip_"),
+    ('mechanism.carries.platform="plattform"', "mechanism.carries.platform[0]", "did you mean 'platform'?"),
+    ('mechanism.carries.joint_1="wrist"', "mechanism.carries.joint_1[0]", "carried by wrist_4"),
+    ('mechanism.limits.q9=["1 m", "2 m"]', "mechanism.limits.q9", "unknown coordinate 'q9'"),
+    ('mechanism.limits.q1=["1 deg", "2 deg"]', "mechanism.limits.q1", "measured as length"),
+    ('mechanism.limits.q1=["2 m", "1 m"]', "mechanism.limits.q1", "below the upper"),
+    ('mechanism.dimensions.base=["1 m"]', "mechanism.dimensions.base", "needs at least 3"),
+    ('mechanism.springs.joint="0 N/um"', "mechanism.springs.joint", "above zero"),
+    ('points.tcp.work="platform.top"', "points.tcp", "against ground only"),
+    ('loads={ push = { at = "spindle.tip", force = ["1 N", "0 N", "0 N"] } }', "loads.push", "no loads but gravity"),
+])  # fmt: skip
+def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, variant="lumped", overrides=[override])
+    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+
+
+def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:
+    kinds = [stage.kind for stage in plan_scene(load_scene(SCENE, variant="lumped")).stages]
+    assert set(kinds) == {"rigid", "place", "static", "modal", "write"}
+    assert kinds.count("place") == 3
