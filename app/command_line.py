@@ -200,6 +200,30 @@ def validate(
 
 
 @app.command()
+def identify(
+    scene: SceneFile,
+    targets: Annotated[Path, typer.Argument(metavar="TARGETS", help="Target file (.toml): what was measured, what may be fitted.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-TARGETS].")
+    ] = None,
+    starts: Annotated[
+        int | None, typer.Option("--starts", metavar="N", min=1, max=4096, help="Starts, instead of the file's.")
+    ] = None,
+    set_: Overrides = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Fit numbers of a scene to measured frequencies, shapes and compliances; the scene file is not changed."""
+
+    def action() -> int:
+        from headstock.app.identifying import IdentifyRequest, identify_scene
+
+        return identify_scene(IdentifyRequest(scene, targets, output, starts, tuple(set_ or ()), json))
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")], debug: Debug = False) -> int:
     """Write the report of a finished run again, with a PNG of every mode and chart in DIR/figures."""
 

@@ -1,6 +1,7 @@
 """Overrides of a parsed scene: variants written in the scene and ``key=value`` given on the command line."""
 
 import copy
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,6 +29,7 @@ ENTRY_SECTIONS = frozenset(
 )
 MAX_OVERRIDES = 1000
 VARIANT_JOINER = "+"
+_LIST_PLACE = re.compile(r"\[(\d{1,5})\]")
 
 
 def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> dict[str, Any]:
@@ -71,7 +73,7 @@ def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findi
         key, equals, text = setting.partition("=")
         path = _split_key(key)
         label = f"--set {setting}"
-        if not equals or not all(path):
+        if not equals or "" in path:
             findings.problems.append(_unreadable_setting(label))
             continue
         _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
@@ -98,7 +100,9 @@ def _unreadable_setting(label: str) -> tuple[int, Any]:
 
 
 def _split_key(key: str) -> KeyPath:
-    return tuple(int(part) if part.isdecimal() and len(part) < 6 else part for part in key.strip().split("."))
+    """``joints.pad_1.at[2]`` (or ``joints.pad_1.at.2``) as a path."""
+    parts = _LIST_PLACE.sub(r".\1", key.strip()).split(".")
+    return tuple(int(part) if part.isdecimal() and len(part) < 6 else part for part in parts)
 
 
 def _read_value(text: str) -> Any:

@@ -26,42 +26,52 @@ _KINDS = {
 
 
 def validate_tables(raw: Mapping[str, Any], findings: Findings) -> SceneTable | None:
-    """Validate a parsed scene; entries that fail are reported and left out, so that the rest can be checked further.
+    """Validate a parsed scene, as ``validate_against`` does."""
+    return validate_against(SceneTable, raw, findings)
+
+
+def validate_against[T: BaseModel](model: type[T], raw: Mapping[str, Any], findings: Findings) -> T | None:
+    """Validate a parsed file; entries that fail are reported and left out, so that the rest can be checked further.
 
     Args:
+        model: Schema of the whole file.
         raw: Parsed TOML after overrides.
         findings: Where problems go.
 
     Returns:
-        What is valid, or None when not enough of the scene is left to look at.
+        What is valid, or None when not enough of the file is left to look at.
     """
     pruned: Any = {key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()}
     for _ in range(4):
         try:
-            return SceneTable.model_validate(pruned)
+            return model.model_validate(pruned)
         except ValidationError as error:
             for detail in error.errors(include_url=False):
                 if len(findings.problems) < MAX_PROBLEMS:
-                    _report(detail, findings)
+                    _report(model, detail, findings)
                 _prune(pruned, detail["loc"])
     return None
 
 
 def known_keys(path: KeyPath) -> list[str] | None:
-    """Keys the schema knows at a path; None where any key may stand."""
-    model = _resolve_model(SceneTable, path)
+    """Keys the scene's schema knows at a path; None where any key may stand."""
+    return _known_keys(SceneTable, path)
+
+
+def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
+    model = _resolve_model(root, path)
     return list(model.model_fields) if model is not None else None
 
 
-def _report(detail: ErrorDetails, findings: Findings) -> None:
+def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
     path: KeyPath = tuple(part for part in detail["loc"] if part != "[key]")
     kind = detail["type"]
     value = detail.get("input")
     if kind == "extra_forbidden":
-        keys = known_keys(path[:-1]) or []
+        keys = _known_keys(root, path[:-1]) or []
         findings.add(path, f"unknown key {str(path[-1])[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}")
     elif kind == "missing":
-        findings.add(path, _missing_message(path))
+        findings.add(path, _missing_message(root, path))
     elif kind == "literal_error":
         expected = str(detail.get("ctx", {}).get("expected", ""))
         findings.add(path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}")
@@ -73,8 +83,8 @@ def _report(detail: ErrorDetails, findings: Findings) -> None:
         findings.add(path, str(detail["msg"]))
 
 
-def _missing_message(path: KeyPath) -> str:
-    model = _resolve_model(SceneTable, path[:-1])
+def _missing_message(root: type[BaseModel], path: KeyPath) -> str:
+    model = _resolve_model(root, path[:-1])
     example = "" if model is None else _example_of(model, str(path[-1]))
     return f"{path[-1]!r} is missing; write it{example}"
 

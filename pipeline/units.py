@@ -78,11 +78,12 @@ ROTATIONAL_DAMPING = Dimension("rotational damping", "N m s/rad", "5 N m s/rad")
 ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2")
 SPEED = Dimension("speed", "m/s", "3000 mm/min")
 ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm")
+COMPLIANCE = Dimension("compliance", "m/N", "151 um/kN")
 MEMORY = Dimension("amount of memory", "B", "4 GB")
 RATIO = Dimension("ratio", "", "2 %")
 DIMENSIONS = (
     LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS, DAMPING,
-    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, MEMORY, RATIO,
+    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, MEMORY, RATIO,
 )  # fmt: skip
 
 
@@ -135,6 +136,12 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
         if dimensionality == _resolve_unit(dimension.unit, example)[1]:
             return Quantity(_scale_number(number, factor, text, wanted), dimension)
     raise UnitError(f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
+
+
+def unit_of(text: str) -> str:
+    """The unit in the text of a quantity; empty where there is none."""
+    match = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS)))
+    return "" if match is None else match[2]
 
 
 def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:

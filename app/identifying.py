@@ -1,0 +1,58 @@
+"""``headstock identify``: fit numbers of a scene to what was measured, and say what is known of them."""
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.app.guard import DONE, FAILED
+from headstock.app.identification_tables import print_identification, print_start, print_task
+from headstock.pipeline.identification import identify, prepare_problem
+from headstock.pipeline.identification_files import OVERRIDES_FILE, RECORD_FILE, render_overrides, summarise_identification
+from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.results import dump_json
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.target_files import load_targets
+
+
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    targets: Path
+    output: Path | None
+    starts: int | None
+    overrides: tuple[str, ...]
+    json_file: Path | None
+
+
+def identify_scene(request: IdentifyRequest) -> int:
+    """Fit a scene to a target file, print what came out and write it; the scene is never touched.
+
+    Raises:
+        SceneError: The scene or the target file has problems.
+        HeadstockError: A computation failed.
+    """
+    begin = time.perf_counter()
+    loaded = load_targets(request.targets, request.scene, overrides=request.overrides)
+    if request.starts is not None:
+        settings = dataclasses.replace(loaded.task.settings, starts=request.starts)
+        loaded = dataclasses.replace(loaded, task=dataclasses.replace(loaded.task, settings=settings))
+    output = request.output or Path("results") / f"{request.scene.stem}-{request.targets.stem}"
+    with claim_output(output):
+        print_task(loaded.task)
+        problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
+        found = identify(problem, loaded.task.name, print_start)
+        summary = {**summarise_identification(found), "seconds": time.perf_counter() - begin}
+        command = f"./headstock identify {request.scene} {request.targets} --starts {loaded.task.settings.starts}"
+        written = load_scene(request.scene, overrides=request.overrides)
+        write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
+        write_output(output / RECORD_FILE, dump_json(summary).encode())
+        if request.json_file is not None:
+            write_output(request.json_file, dump_json(summary).encode())
+        print_identification(found, output)
+    return DONE if found.converged else FAILED

@@ -1,0 +1,215 @@
+"""One variant in one pose as a function of the parameters: modes and compliances, and their exact derivatives."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machines import Pose, place_components
+from headstock.pipeline.identification_targets import Parameter, TargetCase
+from headstock.pipeline.parametric_scene import ParametricScene
+from headstock.reduction.coupled_slopes import CoupledSlopes, ModeSlopes, slope_modes, slope_point_compliance
+from headstock.reduction.coupling import CoupledMachine, couple
+from headstock.reduction.dof_layout import DofLayout
+from headstock.reduction.free_motions import solve_machine_static
+from headstock.reduction.stacked_pieces import Selection, StackedPieces, difference_pieces, stack_pieces
+from headstock.solvers.eigen_sensitivities import slope_shape, slope_squares
+from headstock.solvers.errors import ModelError
+from headstock.solvers.symmetric_modes import solve_symmetric_modes
+
+SPARE_MODES = 8  # computed above the targets, so that a pairing can choose
+STEP = 2.0**-10  # of the difference of parts, relative to the parameter
+STENCIL = ((1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))  # fourth order: reach and weight of each pair
+
+
+@dataclass(frozen=True, eq=False)
+class CaseModel:
+    """One case of a task, ready to be computed for any parameter values."""
+
+    case: TargetCase
+    parametric: ParametricScene
+    pose: Pose
+    observers: tuple[str, ...]
+    rigid_below: int
+
+
+@dataclass(frozen=True, eq=False)
+class CaseState:
+    """A case at given parameter values.
+
+    Attributes:
+        model: The case.
+        values: Parameter values, SI.
+        coupled: The machine.
+        squares: ``(m,)`` omega^2 of the modes above the floor.
+        shapes: ``(n, m)`` mass-normalised.
+        displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the force port of each compliance.
+    """
+
+    model: CaseModel
+    values: Mapping[str, float]
+    coupled: CoupledMachine
+    squares: FloatArray
+    shapes: FloatArray
+    displacements: FloatArray
+
+    @cached_property
+    def frequencies_hz(self) -> FloatArray:
+        """Natural frequencies above the floor ``(m,)``."""
+        return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
+
+    @cached_property
+    def motions(self) -> FloatArray:
+        """Mode shapes in stacked dofs ``(n_all, m)``."""
+        return np.asarray(self.coupled.basis @ self.shapes)
+
+    @cached_property
+    def compliances(self) -> FloatArray:
+        """Motion per unit force of each target ``(c,)`` [m/N]."""
+        ports = [target.motion for target in self.model.case.compliances]
+        rows = [self.coupled.system.outputs[name, DOF_NAMES[dof]] for name, dof in ports]
+        return np.array([row @ self.displacements[:, 2 * i + 1] for i, row in enumerate(rows)])
+
+    @cached_property
+    def answers(self) -> FloatArray:
+        """The static motions in stacked dofs ``(n_all, 2 c)``."""
+        return np.asarray(self.coupled.basis @ self.displacements)
+
+    @cached_property
+    def slopes(self) -> CoupledSlopes:
+        """The machine ready to be differentiated."""
+        machine = self.model.parametric.build(self.values).machine
+        names = self.coupled.layout.superelements
+        return CoupledSlopes(
+            self.coupled,
+            stack_pieces(self.coupled.layout, machine, Selection(tuple(names), tuple(machine.joints), self.model.observers)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CaseSlope:
+    """Derivatives of a case by one parameter value.
+
+    Attributes:
+        squares: ``(m,)`` of omega^2.
+        compliances: ``(c,)``.
+        modes: What the parameter does to the modes.
+        pieces: Derivatives of the parts.
+    """
+
+    squares: FloatArray
+    compliances: FloatArray
+    modes: ModeSlopes
+    pieces: StackedPieces
+
+
+def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose) -> CaseModel:
+    """A case with what has to be watched for its targets."""
+    watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
+    watched |= {port[0] for target in case.compliances for port in (target.motion, target.force)}
+    return CaseModel(case, parametric, pose, tuple(sorted(watched)), 6)
+
+
+def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
+    """Modes above the floor and static answers of a case.
+
+    Raises:
+        HeadstockError: The machine cannot be built or computed with these values.
+    """
+    built = model.parametric.build(values)
+    coupled = couple(built.superelements, built.machine, model.pose)
+    squares, shapes = _solve_modes(model, coupled)
+    return CaseState(model, dict(values), coupled, squares, shapes, _solve_static(model, coupled))
+
+
+def slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
+    """Derivatives of a case by a parameter's value; None where the parameter does not touch the case.
+
+    Raises:
+        HeadstockError: The parts cannot be built next to these values.
+    """
+    pieces = _slope_pieces(state, parameter)
+    if pieces is None:
+        return None
+    modes = slope_modes(state.slopes, pieces, state.squares, state.shapes)
+    compliances = [
+        slope_point_compliance(state.slopes, pieces, (target.motion, target.force), state.answers[:, 2 * i : 2 * i + 2])
+        for i, target in enumerate(state.model.case.compliances)
+    ]
+    return CaseSlope(slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces)
+
+
+def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> FloatArray:
+    """Derivatives ``(n_all, p)`` of one mode shape in stacked dofs by p parameters."""
+    forces = np.column_stack([slope.modes.forces[:, index] for slope in slopes])
+    terms = np.array([slope.modes.mass_terms[index] for slope in slopes])
+    system = state.coupled.system
+    turned = slope_shape(system.stiffness, system.mass, state.squares, state.shapes, index, (forces, terms))
+    return np.asarray(state.coupled.basis @ turned + np.column_stack([slope.modes.carried[:, index] for slope in slopes]))
+
+
+def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
+    case = model.case
+    if not case.modes and case.limit is None:
+        return np.zeros(0), np.zeros((coupled.basis.shape[1], 0))
+    wanted = len(case.modes) + model.rigid_below + SPARE_MODES
+    floor = (2.0 * np.pi * case.floor_hz) ** 2
+    while True:
+        pairs = solve_symmetric_modes(coupled.system.stiffness, coupled.system.mass, wanted=wanted)
+        above = np.flatnonzero(pairs.squares > floor)
+        if len(above) >= len(case.modes) + SPARE_MODES or wanted >= len(coupled.system.mass):
+            break
+        wanted *= 2
+    if len(above) < len(case.modes):
+        raise ModelError(
+            f"case {case.name}: {len(case.modes)} frequencies are to be met and the model has {len(above)} above {case.floor_hz:g} Hz"
+        )
+    return pairs.squares[above], pairs.shapes[:, above]
+
+
+def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:
+    ports = [port for target in model.case.compliances for port in (target.motion, target.force)]
+    if not ports:
+        return np.zeros((coupled.basis.shape[1], 0))
+    loads = np.column_stack([coupled.system.inputs[name, DOF_NAMES[dof]] for name, dof in ports])
+    return solve_machine_static(coupled, loads).displacements
+
+
+def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | None:
+    """Derivatives of the touched parts by the parameter's value: of the small matrices, never of an eigenvalue."""
+    components, joints = state.model.parametric.touched[parameter.name]
+    if not components and not joints:
+        return None
+    layout = state.coupled.layout
+    scene = state.model.parametric.scene.machine
+    beside = [name for name, joint in scene.joints.items() if any(end.component in components for end in joint.ends)]
+    watched = [name for name in state.model.observers if _owners(state, name) & set(components)]
+    wanted = Selection(components, tuple(dict.fromkeys([*joints, *beside])), tuple(watched))
+    value = state.values[parameter.name]
+    step = STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
+    pairs = []
+    for reach, weight in STENCIL:
+        after, before = (
+            _pieces_at(state, layout, {**state.values, parameter.name: value + side * reach * step}, wanted) for side in (1.0, -1.0)
+        )
+        pairs.append((after, before, weight / step))
+    return difference_pieces(pairs)
+
+
+def _owners(state: CaseState, observer: str) -> set[str]:
+    machine = state.model.parametric.scene.machine
+    if observer in machine.points:
+        point = machine.points[observer]
+        return {end.component for end in (point.tool, point.work) if end.component is not None}
+    return {observer.partition(".")[0]}
+
+
+def _pieces_at(state: CaseState, layout: DofLayout, values: Mapping[str, float], wanted: Selection) -> StackedPieces:
+    built = state.model.parametric.build(values)
+    moved = dataclasses.replace(
+        layout, superelements=built.superelements, placements=place_components(built.machine, state.model.pose)
+    )
+    return stack_pieces(moved, built.machine, wanted)

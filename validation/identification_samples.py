@@ -1,0 +1,132 @@
+"""A small machine whose springs are known, and targets computed from them: what an identification must find again."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.identification import prepare_problem
+from headstock.pipeline.identification_fit import FitPoint, FitProblem, evaluate
+from headstock.pipeline.store import Store
+from headstock.pipeline.target_files import load_targets
+
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.base]
+solid = { box = ["600 mm", "500 mm", "200 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "0 mm"]
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
+[components.column]
+solid = { box = ["40 mm", "100 mm", "500 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "200 mm"]
+fidelity = "segmented"
+segments = { count = 4 }
+interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
+[components.slider]
+solid = { box = ["200 mm", "120 mm", "80 mm"] }
+material = "steel"
+mass = "20 kg"
+at = ["0 mm", "0 mm", "720 mm"]
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" }, tool = { face = "x+" } }
+[joints.bolts]
+between = ["base.top", "column.foot"]
+kind = "rigid"
+[joints.guide_1]
+between = ["column.head", "slider.bottom"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+at = ["60 mm", "40 mm", "710 mm"]
+stiffness = { lateral = "40 N/um", normal = "50 N/um" }
+[joints.guide_2]
+between = ["column.head", "slider.bottom"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+at = ["60 mm", "-40 mm", "710 mm"]
+stiffness = { lateral = "40 N/um", normal = "50 N/um" }
+[joints.guide_3]
+between = ["column.head", "slider.bottom"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+at = ["-60 mm", "40 mm", "710 mm"]
+stiffness = { lateral = "40 N/um", normal = "50 N/um" }
+[joints.guide_4]
+between = ["column.head", "slider.bottom"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+at = ["-60 mm", "-40 mm", "710 mm"]
+stiffness = { lateral = "40 N/um", normal = "50 N/um" }
+[joints.drive]
+between = ["column.head", "slider.bottom"]
+kind = "ball_screw"
+axis = "x"
+at = ["0 mm", "0 mm", "710 mm"]
+stiffness = { axial = "60 N/um" }
+[joints.feet]
+between = ["ground", "base.bottom"]
+kind = "spring"
+stiffness = { x = "90 N/um", y = "110 N/um", z = "200 N/um", rx = "20e6 N m/rad", ry = "25e6 N m/rad", rz = "18e6 N m/rad" }
+[points]
+tcp = { tool = "slider.tool", work = "ground" }
+[axes.X]
+joints = ["guide_1", "guide_2", "guide_3", "guide_4", "drive"]
+direction = "x"
+[poses.middle]
+[poses.out]
+X = "150 mm"
+[variants.stiff]
+"components.column.fidelity" = "rigid"
+[variants.fine]
+"components.column.fidelity" = "elastic"
+[analyses.modal]
+count = 6
+"""
+
+STIFFNESSES = {
+    "guide_normal": ("joints.guide_*.stiffness.normal", 70.0, "N/um"),
+    "guide_lateral": ("joints.guide_*.stiffness.lateral", 55.0, "N/um"),
+    "drive": ("joints.drive.stiffness.axial", 90.0, "N/um"),
+    "feet_x": ("joints.feet.stiffness.x", 120.0, "N/um"),
+    "feet_y": ("joints.feet.stiffness.y", 75.0, "N/um"),
+    "feet_z": ("joints.feet.stiffness.z", 170.0, "N/um"),
+    "feet_rx": ("joints.feet.stiffness.rx", 14e6, "N m/rad"),
+    "feet_ry": ("joints.feet.stiffness.ry", 31e6, "N m/rad"),
+}
+
+
+def write_parameters(names: Mapping[str, float] | None = None) -> str:
+    """The eight stiffnesses as parameters of a target file, or those named."""
+    chosen = STIFFNESSES if names is None else {name: STIFFNESSES[name] for name in names}
+    return "".join(
+        f'[parameters.{name}]\nkeys = ["{key}"]\nbounds = ["{true / 10:g} {unit}", "{true * 10:g} {unit}"]\n'
+        for name, (key, true, unit) in chosen.items()
+    )
+
+
+def write_frequencies(values_hz: FloatArray) -> str:
+    """Frequencies as a target file writes them."""
+    return "[" + ", ".join(f'"{value:.15g} Hz"' for value in values_hz) + "]"
+
+
+def prepare_text(folder: Path, targets: str) -> FitProblem:
+    """The machine and the text of a target file, written into a folder and ready to be computed."""
+    scene, path = folder / "machine.toml", folder / "targets.toml"
+    scene.write_text(SCENE)
+    path.write_text(targets)
+    return prepare_problem(load_targets(path, scene), Store(folder / "store"), MPI.COMM_SELF)
+
+
+def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
+    """The machine with true values, SI, by parameter."""
+    return evaluate(problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters]))
