@@ -35,20 +35,35 @@ class Patch:
 
 
 @dataclass(frozen=True)
+class RailSettings:
+    """What makes an interface a rail: carriages hold on to it anywhere along an axis of the component.
+
+    Attributes:
+        along: Axis of the component the rail runs along.
+        stations: Control points of the cubic spline that its motion is fitted by, four dofs each.
+    """
+
+    along: Literal["x", "y", "z"]
+    stations: int
+
+
+@dataclass(frozen=True)
 class Interface:
     """An area of a component with a 6-dof frame at its centroid, axes parallel to the component's.
 
     Attributes:
         name: Name within the component.
         patches: One or several patches that together make up the area.
-        coupling: ``rigid`` (RBE2) or ``average`` (RBE3).
+        coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
         force: Accept a point- or line-like patch although its compliance depends on the mesh.
+        rail: Carriages slide along it; None for a fixed interface.
     """
 
     name: str
     patches: tuple[Patch, ...]
     coupling: CouplingKind = "rigid"
     force: bool = False
+    rail: RailSettings | None = None
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,9 @@ class JointEnd:
 class Joint:
     """Two ends that are held together, freed or sprung in a joint frame.
 
-    The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of the first end that is not
-    ground; it moves with that end's component. Both ends are carried to it by rigid levers.
+    The joint point is ``point`` (machine frame, zero axis positions) or else the frame origin of the first end that is neither
+    ground nor a rail; it moves with that end's component. Both ends are carried to it by rigid levers. On a rail a carriage of
+    a given length holds on beside the joint point, wherever that stands in the pose.
 
     Attributes:
         name: Name in the scene.
@@ -40,6 +41,7 @@ class Joint:
         stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on held dofs.
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
         point: ``(3,)`` joint point [m] or None.
+        length: Length of the carriage on a rail [m]; None for a joint between fixed interfaces.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Joint:
     stiffness: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     damping: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     point: FloatArray | None = None
+    length: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

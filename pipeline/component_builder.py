@@ -1,22 +1,33 @@
 """From validated tables to solids, patches, materials and components."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch, ReductionSettings, SegmentSettings
+from headstock.geometry.components import (
+    Component,
+    Interface,
+    MeshSettings,
+    Patch,
+    RailSettings,
+    ReductionSettings,
+    SegmentSettings,
+)
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, HollowColumn, MeshFile, Plate, Solid, StepFile, SuperelementFile, Tube
 from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.schema_components import (
     ComponentTable,
+    InterfaceTable,
     MaterialTable,
     PatchTable,
     RotationTable,
     SolidTable,
 )
 
+FEWEST_STATIONS = 4
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "step": (".step", ".stp"),
     "mesh": (".msh", ".inp", ".bdf", ".nas"),
@@ -106,12 +117,21 @@ def build_frame(at: list[float], rotate: list[RotationTable]) -> Frame:
     return Frame(np.array(at), rotation)
 
 
-def build_component(name: str, table: ComponentTable, solid: Solid, material: Material, *, free: bool) -> Component:
-    """The component a faultless table stands for."""
-    interfaces = {
-        key: Interface(key, tuple(build_patch(patch, solid) for patch in entry.patch_tables()), entry.coupling, entry.force)
-        for key, entry in table.interfaces.items()
-    }
+def build_interface(name: str, table: InterfaceTable, solid: Solid, stations: int | None = None) -> Interface:
+    """The interface a table stands for; a rail takes the given number of stations where the table names none."""
+    patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
+    if table.rail is None:
+        return Interface(name, patches, table.coupling, table.force)
+    return Interface(
+        name, patches, "average", table.force, RailSettings(table.rail.along, table.rail.stations or stations or FEWEST_STATIONS)
+    )
+
+
+def build_component(
+    name: str, table: ComponentTable, solid: Solid, material: Material, *, free: bool, stations: Mapping[str, int]
+) -> Component:
+    """The component a faultless table stands for; ``stations`` are those of rails whose tables name none."""
+    interfaces = {key: build_interface(key, entry, solid, stations.get(key)) for key, entry in table.interfaces.items()}
     return Component(
         name=name,
         solid=solid,

@@ -58,7 +58,7 @@ def superelement_key(
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
-            "couplings": {name: interface.coupling for name, interface in component.interfaces.items()},
+            "couplings": {name: (interface.coupling, interface.rail) for name, interface in component.interfaces.items()},
             "supports": {support.name: sorted(support.directions) for support in supports},
             "loads": {load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"},
             "modes": component.reduction if with_modes else None,

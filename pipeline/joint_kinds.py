@@ -172,6 +172,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         stiffness=stiffness,
         damping=damping,
         point=None if table.at is None else np.array(table.at),
+        length=table.length,
     )
 
 

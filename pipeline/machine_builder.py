@@ -18,6 +18,7 @@ from headstock.pipeline.component_builder import (
 from headstock.pipeline.effects import read_gravity
 from headstock.pipeline.joint_kinds import build_joint, connects
 from headstock.pipeline.machine_graph import Edge, moved_components
+from headstock.pipeline.rail_checks import choose_stations
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import PatchTable
 from headstock.pipeline.schema_connections import AxisTable, LoadTable, SupportTable
@@ -61,13 +62,16 @@ def build_poses(scene: SceneTable) -> dict[str, Pose]:
 
 def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
     materials = {name: build_material(name, table) for name, table in scene.materials.items()}
+    solids = {name: build_solid(table.solid, folder) for name, table in scene.components.items()}
+    stations = choose_stations(scene, solids)
     return {
         name: build_component(
             name,
             table,
-            build_solid(table.solid, folder),
+            solids[name],
             NO_MATERIAL if table.material is None else materials[table.material],
             free=scene.free,
+            stations=stations[name],
         )
         for name, table in scene.components.items()
     }

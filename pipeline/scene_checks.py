@@ -11,6 +11,7 @@ from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_fau
 from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
 from headstock.pipeline.mechanism_checks import is_lumped
 from headstock.pipeline.patch_checks import find_patch_fault
+from headstock.pipeline.rail_checks import check_rails
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_names import is_known_end, sound_joints
 from headstock.pipeline.scene_schema import SceneTable
@@ -38,6 +39,7 @@ def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, comple
     _check_areas(scene, solids, findings)
     _check_probes(scene, findings)
     _check_joints(scene, findings)
+    check_rails(scene, solids, findings)
     if complete and not is_lumped(scene):
         _check_floating(scene, findings)
     _check_axes(scene, findings, complete=complete)

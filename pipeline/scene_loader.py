@@ -7,6 +7,7 @@ from typing import Any
 from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
+from headstock.pipeline.rail_checks import check_carriages
 from headstock.pipeline.scene import Analyses, Limits, ModalRequest, Scene, StaticRequest
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
@@ -50,7 +51,10 @@ def load_scene(
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
-    return _build_scene(table, raw, path, findings.warnings, variant)
+    scene = _build_scene(table, raw, path, findings.warnings, variant)
+    check_carriages(scene.machine, scene.poses, findings)
+    findings.raise_if_any()
+    return scene
 
 
 def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: list[str], variant: str | None) -> Scene:

@@ -183,6 +183,13 @@ class PatchTable(StrictTable):
         return self
 
 
+class RailTable(StrictTable):
+    """Makes an interface a rail: carriages hold on to it anywhere along an axis of the component."""
+
+    along: Literal["x", "y", "z"]
+    stations: Annotated[Count, Field(ge=4, le=1000)] | None = None
+
+
 class InterfaceTable(StrictTable):
     """An area that joints hold on to: one patch written directly, or several in `patches`."""
 
@@ -193,10 +200,13 @@ class InterfaceTable(StrictTable):
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
     coupling: Literal["rigid", "average"] = "rigid"
     force: Flag = False
+    rail: RailTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         _refuse_two_shapes(self.disk, self.rect, self.strip)
+        if self.rail is not None and self.coupling == "rigid" and "coupling" in self.model_fields_set:
+            raise problem('is a rail, which would be stiffened all along by a rigid coupling; remove coupling or write "average"')
         if self.patches is None and self.face is None:
             raise problem('describes no patch; write face = "z+" or patches = [{ face = "z+" }]')
         if self.patches is not None and (self.face or self.disk or self.rect or self.strip):

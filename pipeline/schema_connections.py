@@ -18,6 +18,7 @@ from headstock.pipeline.schema_types import (
     Name,
     Names,
     Position,
+    PositiveLength,
     Pressure,
     StrictTable,
     Text,
@@ -45,6 +46,7 @@ class JointTable(StrictTable):
     axis: Direction | None = None
     normal: Direction | None = None
     at: Position | None = None
+    length: PositiveLength | None = None
     stiffness: dict[Name, JointStiffness] = {}
     damping: dict[Name, JointDamping] = {}
     allow_negative: Flag = False

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.reduction.coupling import CoupledMachine
-from headstock.reduction.superelement_checks import characteristic_length, dof_scale
+from headstock.reduction.dof_layout import turn_dofs
+from headstock.reduction.superelement_checks import characteristic_length, dof_scale, rigid_motions
 
 MOTION_NAMES = ("X translation", "Y translation", "Z translation", "A rotation", "B rotation", "C rotation")
 
@@ -43,10 +44,8 @@ def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
     """Dofs ``(n_c, 6)`` of a component when it moves rigidly, six motions at a point, machine axes."""
     superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-    motions = np.zeros((len(superelement.labels), 6))
-    for node, frame in enumerate(superelement.frames):
-        motions[6 * node : 6 * node + 6] = rigid_transfer(point, placement.origin + placement.rotation @ frame.origin)
-    return motions
+    own = rigid_motions(superelement, placement.rotation.T @ (point - placement.origin)) @ rotate_dofs(placement.rotation.T)
+    return np.asarray(turn_dofs(superelement, placement).T @ own)
 
 
 def body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:

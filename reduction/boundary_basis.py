@@ -6,9 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.components import Component, Interface, Support
-from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.interface_patches import MeshPatch, measure_patch
+from headstock.reduction.rail_fits import RailFit, fit_rail
+from headstock.reduction.rails import RailStation
 from headstock.reduction.superelement import Attachment
 from headstock.solvers.errors import ModelError
 from headstock.solvers.factorization import BoolArray
@@ -32,7 +34,8 @@ class BoundaryBasis:
 
     Attributes:
         nodes: Boundary nodes in dof order.
-        attachments: Every interface by name.
+        attachments: Every fixed interface by name.
+        rails: Interfaces that carriages slide along; their stations follow the nodes in dof order.
         shapes: ``(3 n_points, 6 n_nodes)`` sparse-in-spirit pairs ``(dofs, columns block)`` of rigid patches.
         held: ``(3 n_points,)`` dofs in rigid patches or supports.
         supported: ``(3 n_points,)`` dofs fixed by supports.
@@ -42,11 +45,17 @@ class BoundaryBasis:
 
     nodes: tuple[BoundaryNode, ...]
     attachments: dict[str, Attachment]
+    rails: tuple[RailFit, ...]
     shapes: tuple[tuple[IntArray, FloatArray, int], ...]
     held: BoolArray
     supported: BoolArray
     constraints: FloatArray
     warnings: tuple[str, ...]
+
+    @property
+    def stations(self) -> tuple[RailStation, ...]:
+        """Stations of all rails in dof order."""
+        return tuple(RailStation(point, rail.axis) for rail in self.rails for point in rail.points)
 
 
 def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Sequence[Support]) -> BoundaryBasis:
@@ -85,7 +94,12 @@ def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Se
         warnings.append(
             f"component {component.name}: interfaces share points with each other or with a support; {shared} of their dofs are tied"
         )
-    return BoundaryBasis(tuple(nodes), attachments, tuple(shapes), held, supported, constraints, tuple(warnings))
+    rails = tuple(
+        fit_rail(component.name, interface, measure_patch(mesh, name))
+        for name, interface in component.interfaces.items()
+        if interface.rail is not None
+    )
+    return BoundaryBasis(tuple(nodes), attachments, rails, tuple(shapes), held, supported, constraints, tuple(warnings))
 
 
 def _merge_interfaces(
@@ -94,7 +108,8 @@ def _merge_interfaces(
     nodes: list[BoundaryNode] = []
     attachments: dict[str, Attachment] = {}
     # rigid patches first: a mean over points that a rigid patch already carries is that patch's own motion
-    ordered = sorted(component.interfaces.values(), key=lambda interface: interface.coupling != "rigid")
+    fixed = [interface for interface in component.interfaces.values() if interface.rail is None]
+    ordered = sorted(fixed, key=lambda interface: interface.coupling != "rigid")
     for interface in ordered:
         patch = measure_patch(mesh, interface.name)
         _refuse_point_like(component.name, interface, patch, warnings)
@@ -170,11 +185,8 @@ def _independent_rows(rows: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(kept.T)[0].T)
 
 
-def node_labels(nodes: Sequence[BoundaryNode]) -> list[tuple[str, str]]:
+def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
     """Labels of the boundary dofs in order."""
-    return [(node.name, dof) for node in nodes for dof in DOF_NAMES]
-
-
-def rigid_motion_rows(frames: Sequence[Frame], origin: FloatArray) -> FloatArray:
-    """``(6 n_nodes, 6)`` motion of boundary nodes under the rigid motions about an origin."""
-    return np.vstack([rigid_transfer(origin, frame.origin) for frame in frames]) if frames else np.zeros((0, 6))
+    nodes = [(node.name, dof) for node in basis.nodes for dof in DOF_NAMES]
+    stations = [(f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))]
+    return nodes + [(name, dof) for name, _, rail in stations for dof in (*DOF_NAMES[:3], DOF_NAMES[3 + rail.axis])]

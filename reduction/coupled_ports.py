@@ -21,7 +21,9 @@ def machine_ports(layout: DofLayout, machine: Machine, basis: FloatArray) -> dic
     Every interface is a port ``("component.interface", dof)``; every point is one as tool less work, at the tool.
     """
     ends = [
-        JointEnd(name, interface) for name, superelement in layout.superelements.items() for interface in superelement.attachments
+        JointEnd(name, interface)
+        for name, superelement in layout.superelements.items()
+        for interface in (*superelement.attachments, *superelement.rails)
     ]
     rows = {str(end): motion_rows(layout, end, locate_interface(layout, end)) for end in ends}
     rows |= {point.name: point_rows(layout, point) for point in machine.points.values()}

@@ -7,8 +7,9 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
 from headstock.geometry.joints import JointEnd
+from headstock.reduction.rails import carriage_rows
 from headstock.reduction.superelement import Superelement
-from headstock.reduction.superelement_checks import rigid_motions
+from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError, ModelError
 
 RIGID_NOISE_LIMIT = 1e-8
@@ -43,8 +44,10 @@ def lay_out_dofs(superelements: Mapping[str, Superelement], placements: Mapping[
     for name, superelement in superelements.items():
         offsets[name] = slice(size, size + len(superelement.labels))
         size += len(superelement.labels)
-        places = [*superelement.frames, *(attachment.frame for attachment in superelement.attachments.values())]
-        positions += [placements[name].origin + placements[name].rotation @ frame.origin for frame in places]
+        places = [frame.origin for frame in superelement.frames]
+        places += [attachment.frame.origin for attachment in superelement.attachments.values()]
+        places += [station.point for station in superelement.stations]
+        positions += [placements[name].origin + placements[name].rotation @ place for place in places]
     spread = np.array(positions) - np.mean(positions, axis=0) if positions else np.zeros((1, 3))
     # the largest distance from the middle does not change when the machine is turned or shifted
     length = float(np.linalg.norm(spread, axis=1).max())
@@ -56,7 +59,7 @@ def scale_dofs(layout: DofLayout) -> FloatArray:
     scale = np.ones(layout.size)
     for name, superelement in layout.superelements.items():
         part = scale[layout.offsets[name]]
-        part[: superelement.boundary_size].reshape(-1, 6)[:, 3:] = 1.0 / layout.length
+        part[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / layout.length
         part[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
     return scale
 
@@ -148,17 +151,40 @@ def _has_loose_rotations(superelement: Superelement, stiffness: FloatArray) -> b
 def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
     """Position ``(3,)`` of an interface in the machine frame [m]."""
     component, interface = _named_end(layout, end)
-    placement = layout.placements[component]
-    return np.asarray(placement.origin + placement.rotation @ layout.superelements[component].attachments[interface].frame.origin)
+    superelement, placement = layout.superelements[component], layout.placements[component]
+    rail = superelement.rails.get(interface)
+    place = superelement.attachments[interface].frame.origin if rail is None else rail.center
+    return np.asarray(placement.origin + placement.rotation @ place)
 
 
-def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray) -> FloatArray:
-    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a point; zero for ground."""
+def is_rail(layout: DofLayout, end: JointEnd) -> bool:
+    """Whether an end is an interface that carriages slide along."""
+    if end.component is None:
+        return False
+    component, interface = _named_end(layout, end)
+    return interface in layout.superelements[component].rails
+
+
+def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray, length: float | None = None) -> FloatArray:
+    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a point; zero for ground.
+
+    Args:
+        layout: The stacked dofs.
+        end: An interface, a rail or ground.
+        point: ``(3,)`` in the machine frame [m].
+        length: On a rail, of the carriage beside the point [m]; None for the mean motion of the whole rail.
+
+    Raises:
+        ModelError: The end names nothing, or a carriage does not lie on its rail.
+    """
     rows = np.zeros((6, layout.size))
     if end.component is None:
         return rows
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
+    if interface in superelement.rails:
+        rows[:, layout.offsets[component]] = _rail_rows(superelement, interface, placement, point, length)
+        return rows
     node = superelement.attachments[interface].node
     origin = placement.origin + placement.rotation @ superelement.frames[node].origin
     first = layout.offsets[component].start + 6 * node
@@ -166,10 +192,24 @@ def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray) -> FloatArr
     return rows
 
 
+def _rail_rows(superelement: Superelement, interface: str, placement: Frame, point: FloatArray, length: float | None) -> FloatArray:
+    rail = superelement.rails[interface]
+    beside = np.array(rail.center)
+    if length is not None:
+        beside[rail.axis] = (placement.rotation.T @ (point - placement.origin))[rail.axis]
+    try:
+        own = carriage_rows(rail, float(beside[rail.axis]), rail.high - rail.low if length is None else length)
+    except ModelError as error:
+        raise ModelError(f"rail {superelement.name}.{interface}: {error}") from error
+    carried = rigid_transfer(placement.origin + placement.rotation @ beside, point) @ rotate_dofs(placement.rotation)
+    return np.asarray(carried @ own @ turn_dofs(superelement, placement))
+
+
 def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
     if end.component is None or end.component not in layout.superelements:
         raise ModelError(f"there is no component {end.component!r}; components: {sorted(layout.superelements)}")
-    attachments = layout.superelements[end.component].attachments
-    if end.interface is None or end.interface not in attachments:
-        raise ModelError(f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(attachments)}")
+    superelement = layout.superelements[end.component]
+    known = [*superelement.attachments, *superelement.rails]
+    if end.interface is None or end.interface not in known:
+        raise ModelError(f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}")
     return end.component, end.interface

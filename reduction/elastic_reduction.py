@@ -11,11 +11,12 @@ from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.materials import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.reduction.boundary_basis import BoundaryBasis, build_boundary_basis, node_labels
+from headstock.reduction.boundary_basis import BoundaryBasis, boundary_labels, build_boundary_basis
 from headstock.reduction.component_loads import assemble_loads
 from headstock.reduction.fixed_interface_modes import FixedInterfaceModes, find_fixed_interface_modes, verify_mode_count
 from headstock.reduction.locking_elements import judge_element_order
 from headstock.reduction.mean_constraints import DEPENDENCE_TOLERANCE, MeanConstraints, local_dofs
+from headstock.reduction.rails import STATION_DOFS, Rail
 from headstock.reduction.rigid_stiffness import without_rigid_stiffness
 from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
 from headstock.solvers.block_lanczos import ModeTarget
@@ -92,7 +93,7 @@ def reduce_operators(
     remarks = judge_element_order(component, mesh)
     basis = build_boundary_basis(component, mesh, supports)
     local = local_dofs(operators)
-    means = MeanConstraints(basis, operators, loose=not basis.nodes and not basis.held.any())
+    means = MeanConstraints(basis, operators, loose=not basis.nodes and not basis.rails and not basis.held.any())
     held = basis.held[local]
     with ConstrainedSolver(operators, held, means.columns) as solver:
         psi = _constraint_modes(basis, means, solver, local)
@@ -179,14 +180,14 @@ def _project(
         mass[boundary:, :boundary] = mass[:boundary, boundary:].T
         mass[boundary:, boundary:] = np.eye(count)
         properties = _mass_properties(operators)
-    labels = node_labels(basis.nodes) or [(BODY_NODE, dof) for dof in ("x", "y", "z", "rx", "ry", "rz")[:boundary]]
+    labels = boundary_labels(basis) or [(BODY_NODE, dof) for dof in ("x", "y", "z", "rx", "ry", "rz")[:boundary]]
     labels += [("mode", str(number + 1)) for number in range(count)]
     constraints = np.vstack([_embed(basis.constraints, size), _embed(_dependent_rows(basis, means, solver), size)])
     return Superelement(
         name=component.name,
         labels=tuple(labels),
         frames=means.node_frames,
-        attachments=basis.attachments or ({BODY_NODE: Attachment(0, means.node_frames[0])} if means.node_frames else {}),
+        attachments=basis.attachments if means.loose_frame is None else {BODY_NODE: Attachment(0, means.loose_frame)},
         stiffness=stiffness,
         mass=mass,
         damping=None,
@@ -201,12 +202,26 @@ def _project(
         inertia=properties[2],
         supported=bool(basis.supported.any()),
         warnings=basis.warnings,
+        stations=basis.stations,
+        rails=_free_rails(basis, size),
     )
+
+
+def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
+    """Rails whose control values are dofs of their own."""
+    rails, first = {}, 6 * len(basis.nodes)
+    for fit in basis.rails:
+        count = STATION_DOFS * len(fit.points)
+        rails[fit.name] = Rail(
+            fit.axis, fit.center, float(fit.knots[0]), float(fit.knots[-1]), fit.knots, np.eye(count, size, first)
+        )
+        first += count
+    return rails
 
 
 def _dependent_rows(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
     """Rows of boundary dofs that vanish because some means depend on each other or on rigid patches alone."""
-    if not means.dependent.shape[1] or not basis.nodes:
+    if not means.dependent.shape[1] or not (basis.nodes or basis.rails):
         return np.zeros((0, means.boundary_size))
     prescribed = _prescribed_displacement(basis, means, local_dofs(solver.operators))
     rows = means.dependent.T @ (means.select - solver.product(means.full, prescribed))

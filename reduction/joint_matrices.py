@@ -10,7 +10,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rotate_dofs
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine
 from headstock.reduction.constraint_elimination import Elimination
-from headstock.reduction.dof_layout import DofLayout, locate_interface, motion_rows
+from headstock.reduction.dof_layout import DofLayout, is_rail, locate_interface, motion_rows
 from headstock.solvers.errors import ModelError
 
 ROUNDOFF = 4.0 * float(np.finfo(float).eps)
@@ -66,7 +66,10 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSprin
         if np.shape(matrix) != (6, 6) or not np.isfinite(matrix).all():
             raise ModelError(f"joint {joint.name!r}: its {what} must be a 6x6 matrix of finite numbers")
     frame = _joint_frame(joint, machine, layout)
-    first, second = (motion_rows(layout, end, frame.origin) for end in joint.ends)
+    try:
+        first, second = (motion_rows(layout, end, frame.origin, joint.length) for end in joint.ends)
+    except ModelError as error:
+        raise ModelError(f"joint {joint.name!r}: {error}") from error
     rows = rotate_dofs(frame.rotation).T @ (second - first)
     return JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
 
@@ -140,9 +143,13 @@ def _connects(joint: Joint) -> bool:
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
-    """The joint frame, carried along by the component of its first end that is not ground."""
-    end = _leading_end(joint)
-    component = str(end.component)
+    """The joint frame, carried along by the component of its first end that is neither ground nor a rail."""
+    end = _leading_end(joint, layout)
+    component = end.component
+    if component is None:
+        if joint.point is None:
+            raise ModelError(f"joint {joint.name!r}: ground has no place of its own; say where the joint is")
+        return Frame(joint.point, joint.rotation)
     if component not in layout.placements or component not in machine.components:
         raise ModelError(f"joint {joint.name!r}: there is no component {component!r}; components: {sorted(machine.components)}")
     home, now = machine.components[component].placement, layout.placements[component]
@@ -153,8 +160,14 @@ def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
     return Frame(point, motion @ joint.rotation)
 
 
-def _leading_end(joint: Joint) -> JointEnd:
-    for end in joint.ends:
-        if end.component is not None:
-            return end
-    raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")
+def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
+    """The end whose body carries the joint point: on a rail it is the carriage that does, not the rail."""
+    ends = [end for end in joint.ends if end.component is not None]
+    if not ends:
+        raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")
+    if joint.length is None:
+        return ends[0]
+    carriages = [end for end in joint.ends if not is_rail(layout, end)]
+    if len(carriages) != 1:
+        raise ModelError(f"joint {joint.name!r}: a carriage needs one rail and one other end, not {len(carriages)} other ends")
+    return carriages[0]

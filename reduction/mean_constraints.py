@@ -6,6 +6,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.boundary_basis import BoundaryBasis
+from headstock.reduction.rails import STATION_DOFS
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.rank_sums import sum_over_ranks
 
@@ -20,18 +21,25 @@ class MeanConstraints:
 
     def __init__(self, basis: BoundaryBasis, operators: ElasticOperators, *, loose: bool) -> None:
         local_of = {int(point): row for row, point in enumerate(operators.nodes)}
-        count = 6 * len(basis.nodes)
+        count = 6 * len(basis.nodes) + STATION_DOFS * len(basis.stations)
         columns, selectors = [], []
         for number, node in enumerate(basis.nodes):
             if node.coupling == "average":
                 columns.append(_scatter(node.patch.average_operator(), node.patch.nodes, local_of, operators.owned_dofs))
                 selectors.append(np.eye(count)[:, 6 * number : 6 * number + 6])
+        first = 6 * len(basis.nodes)
+        for rail in basis.rails:
+            columns.append(_scatter(rail.operator, rail.patch.nodes, local_of, operators.owned_dofs))
+            selectors.append(np.eye(count)[:, first : first + rail.operator.shape[1]])
+            first += rail.operator.shape[1]
         self.node_frames = tuple(Frame(node.patch.centroid) for node in basis.nodes)
+        self.loose_frame: Frame | None = None
         if loose:
             # a body that nothing holds: its mass-weighted mean motion is the boundary node, so psi is rigid and phi free-free
             center, operator = _mass_mean(operators)
             columns, selectors, count = [operator], [np.eye(6)], 6
-            self.node_frames = (Frame(center),)
+            self.loose_frame = Frame(center)
+            self.node_frames = (self.loose_frame,)
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
         held = basis.held[local_dofs(operators)]

@@ -1,12 +1,14 @@
 """Rigid bodies as superelements: six dofs at the centre of mass that carry every interface."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
 from headstock.geometry.components import Component, Load
-from headstock.geometry.frames import DOF_NAMES, Frame, rigid_transfer
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.mass_properties import SolidProperties
+from headstock.reduction.rails import Rail, lay_out_rail, station_motion, station_points
 from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
@@ -32,11 +34,12 @@ def reduce_rigid(component: Component, properties: SolidProperties, loads: Seque
     mass[:3, :3] = mass_kg * np.eye(3)
     mass[3:, 3:] = inertia
     center = np.asarray(properties.center, dtype=float)
+    fixed = [name for name, interface in component.interfaces.items() if interface.rail is None]
     superelement = Superelement(
         name=component.name,
         labels=tuple(("center", dof) for dof in DOF_NAMES),
         frames=(Frame(center),),
-        attachments={name: Attachment(0, Frame(properties.patch_centroids[name])) for name in component.interfaces},
+        attachments={name: Attachment(0, Frame(properties.patch_centroids[name])) for name in fixed},
         stiffness=np.zeros((6, 6)),
         mass=mass,
         damping=None,
@@ -55,9 +58,22 @@ def reduce_rigid(component: Component, properties: SolidProperties, loads: Seque
             if load.component == component.name
             for name, unit in _unit_loads(load, component, properties, mass_kg).items()
         },
+        rails=_rigid_rails(component, properties, center),
     )
     check_superelement(superelement)
     return superelement
+
+
+def _rigid_rails(component: Component, properties: SolidProperties, origin: FloatArray) -> dict[str, Rail]:
+    """Rails that move rigidly with the body: exact for any carriage."""
+    rails = {}
+    for name, interface in component.interfaces.items():
+        if interface.rail is not None:
+            layout = lay_out_rail(component, interface, properties.patch_centroids[name])
+            points = station_points(layout.knots, layout.center, layout.axis)
+            control = np.vstack([station_motion(point, layout.axis, origin) for point in points])
+            rails[name] = dataclasses.replace(layout, control=control)
+    return rails
 
 
 def _density(component: Component, properties: SolidProperties) -> float:

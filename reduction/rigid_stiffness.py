@@ -3,8 +3,8 @@
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.reduction.boundary_basis import rigid_motion_rows
 from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.factorization import BoolArray
 
@@ -34,8 +34,9 @@ def without_rigid_stiffness(element: Superelement, points: FloatArray, supported
     free = _free_combinations(points, supported, length)
     if not boundary or not free.shape[1]:
         return element.stiffness
-    units = np.tile(np.repeat([1.0, 1.0 / length], 3), len(element.frames))
-    rows = rigid_motion_rows(element.frames, points.mean(axis=0)) @ free
+    units = np.ones(boundary)
+    units[rotation_dofs(element)] = 1.0 / length
+    rows = rigid_motions(element, points.mean(axis=0))[:boundary] @ free
     motions, _ = np.linalg.qr(rows / units[:, None])
     scaled = units[:, None] * element.stiffness[:boundary, :boundary] * units
     force = float(np.abs(scaled @ motions).max())

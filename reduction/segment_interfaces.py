@@ -50,8 +50,9 @@ def attach_interfaces(
     Raises:
         ValueError: Where a face lies is not known.
     """
-    spans = {name: [patch_span(bar, patch) for patch in item.patches] for name, item in component.interfaces.items()}
-    firm = {name for name, item in component.interfaces.items() if item.coupling == "rigid" or _is_one_section(spans[name])}
+    fixed = {name: item for name, item in component.interfaces.items() if item.rail is None}
+    spans = {name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()}
+    firm = {name for name, item in fixed.items() if item.coupling == "rigid" or _is_one_section(spans[name])}
     rigid_spans = [span for name in spans if name in firm for span in spans[name]]
     chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
     frames = [Frame(place) for place in chain.places]
@@ -59,7 +60,7 @@ def attach_interfaces(
     attachments: dict[str, Attachment] = {}
     ties = list(chain.tied)
     means: list[Interface] = []
-    for name, interface in component.interfaces.items():
+    for name, interface in fixed.items():
         frame = Frame(properties.patch_centroids[name])
         node = len(chain.places) + len(means)
         if name in firm:

@@ -1,10 +1,12 @@
 """A bar as rigid segments in a row, coupled by six-dof beam springs: the elastic body of the Axis Construction Kit."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from headstock.geometry.components import Component, Load
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_transfer
@@ -14,7 +16,8 @@ from headstock.geometry.prismatic_solids import prismatic_bar
 from headstock.geometry.skins import Skin
 from headstock.geometry.solid_skins import prism_skin
 from headstock.geometry.solids import Tube
-from headstock.reduction.segment_chain import chain_stiffness
+from headstock.reduction.rails import DEGREE, Rail, lay_out_rail, station_motion
+from headstock.reduction.segment_chain import chain_stiffness, section_motion
 from headstock.reduction.segment_interfaces import SegmentedBar, attach_interfaces, surface_motion, traction_load
 from headstock.reduction.segment_springs import segment_mass
 from headstock.reduction.superelement import StaticLoad, Superelement
@@ -72,6 +75,11 @@ def reduce_segmented(component: Component, properties: SolidProperties, loads: S
         center_of_mass=bar.center,
         inertia=0.5 * (whole[3:, 3:] + whole[3:, 3:].T),
         loads=_row_loads(row, component, mass, loads),
+        rails={
+            name: _fit_rail(row, lay_out_rail(component, interface, properties.patch_centroids[name]), f"{component.name}.{name}")
+            for name, interface in component.interfaces.items()
+            if interface.rail is not None
+        },
     )
     check_superelement(superelement)
     return superelement
@@ -87,6 +95,23 @@ def segment_skin(component: Component) -> Skin:
     # a whole number of slices per segment, so that each segment shows the same
     slices = component.segments.count * math.ceil(FEWEST_SLICES / component.segments.count)
     return prism_skin(component.solid, bar.axis, np.asarray(np.linspace(bar.low, bar.high, slices + 1), dtype=float))
+
+
+def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
+    """A rail along the bar: a cubic spline through the motion of the beam at the segments' centres and borders."""
+    bar = row.chain.bar
+    if rail.axis != bar.axis:
+        along = "xyz"[rail.axis]
+        raise ModelError(f'rail {name} runs along {along}, across its segments; write segments = {{ along = "{along}" }}')
+    sites = np.linspace(bar.low, bar.high, max(2 * row.chain.count + 1, DEGREE + 1))
+    motions = []
+    for site in sites:
+        center, point = np.array(bar.center), np.array(rail.center)
+        center[bar.axis] = point[bar.axis] = site
+        motions.append(station_motion(point, bar.axis, center) @ section_motion(row.chain, float(site)))
+    values = _over_all_nodes(row, np.vstack(motions).T).T
+    spline = make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)
+    return dataclasses.replace(rail, knots=spline.t, control=spline.c.reshape(len(values), -1))
 
 
 def _row_mass(row: SegmentedBar, density: float) -> FloatArray:

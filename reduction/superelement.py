@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.reduction.rails import STATION_DOFS, Rail, RailStation
 
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Where an interface sits on a superelement.
+    """Where a fixed interface sits on a superelement.
 
     Attributes:
         node: Index of the 6-dof boundary node that carries the interface rigidly.
@@ -38,14 +39,14 @@ class StaticLoad:
 class Superelement:
     """A component reduced to boundary and modal dofs, in its own frame, SI.
 
-    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | modal dofs].
+    Dofs are ordered [6 per boundary node in the order x y z rx ry rz | 4 per station of its rails | modal dofs].
 
     Attributes:
         name: Component name.
-        labels: ``(node or "mode", dof name or mode number)`` for each dof; boundary nodes first.
+        labels: ``(node, station or "mode", dof name or mode number)`` for each dof, in their order.
         frames: Frame of each boundary node in the component frame (origin where its 6 dofs live, axes parallel to the component).
         attachments: Interface name to boundary node and interface frame. Elastic components have one node per distinct
-            interface; rigid ones a single node at the centre of mass that carries every interface.
+            interface; rigid ones a single node at the centre of mass that carries every interface. Rails are not among them.
         stiffness: ``(n, n)`` symmetric.
         mass: ``(n, n)`` symmetric.
         damping: ``(n, n)`` viscous or None.
@@ -63,6 +64,8 @@ class Superelement:
         warnings: What the reduction has to say to the user.
         free_dofs: Boundary dofs that no mass and no stiffness reaches (named to the user), e.g. a rotation of a line patch.
         supported: Some of its points are fixed to the machine frame, so it has no rigid-body motions.
+        stations: Control points of elastic rails, which have dofs of their own.
+        rails: Interfaces that carriages slide along, by name.
     """
 
     name: str
@@ -86,11 +89,18 @@ class Superelement:
     free_dofs: tuple[str, ...] = ()
     supported: bool = False
     warnings: tuple[str, ...] = ()
+    stations: tuple[RailStation, ...] = ()
+    rails: dict[str, Rail] = field(default_factory=dict)
+
+    @property
+    def node_size(self) -> int:
+        """Number of dofs of the boundary nodes, 6 each."""
+        return 6 * len(self.frames)
 
     @property
     def boundary_size(self) -> int:
-        """Number of boundary dofs, 6 per boundary node."""
-        return 6 * len(self.frames)
+        """Number of boundary dofs: of boundary nodes and stations."""
+        return self.node_size + STATION_DOFS * len(self.stations)
 
     @property
     def modal_count(self) -> int:

@@ -3,6 +3,8 @@
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.meshing.component_mesh import IntArray
+from headstock.reduction.rails import STATION_DOFS, station_motion
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import AccuracyError
 
@@ -45,11 +47,17 @@ def dof_scale(superelement: Superelement) -> FloatArray:
     """Factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal dofs 1/sqrt(mass)."""
     scale = np.ones(len(superelement.labels))
     length = characteristic_length(superelement)
-    boundary = scale[: superelement.boundary_size].reshape(-1, 6)
-    boundary[:, 3:] = 1.0 / length
+    scale[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / length
     # a mass-normalised modal dof has the unit m sqrt(kg)
     scale[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
     return scale
+
+
+def rotation_dofs(superelement: Superelement) -> IntArray:
+    """Which boundary dofs are rotations."""
+    nodes = (6 * np.arange(len(superelement.frames))[:, None] + np.arange(3, 6)).ravel()
+    stations = superelement.node_size + STATION_DOFS * np.arange(len(superelement.stations)) + STATION_DOFS - 1
+    return np.concatenate([nodes, stations])
 
 
 def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
@@ -57,6 +65,9 @@ def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
     motions = np.zeros((len(superelement.labels), 6))
     for node, frame in enumerate(superelement.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(origin, frame.origin)
+    for number, station in enumerate(superelement.stations):
+        first = superelement.node_size + STATION_DOFS * number
+        motions[first : first + STATION_DOFS] = station_motion(station.point, station.axis, origin)
     return motions
 
 

@@ -1,0 +1,159 @@
+"""Rails: the motion of a strip as a cubic spline, and what a carriage anywhere on it sees of that motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from headstock.geometry.components import Component, Interface
+from headstock.geometry.frames import FloatArray, rigid_transfer, skew
+from headstock.geometry.rail_spans import rail_span
+from headstock.solvers.errors import ModelError
+
+DEGREE = 3
+STATION_DOFS = 4
+OVERHANG_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class RailStation:
+    """A control point of a rail that has dofs of its own: ``x y z`` and the rotation about the rail, component axes.
+
+    Attributes:
+        point: ``(3,)`` place in the component frame [m]; in a rigid motion the dofs are those of this point.
+        axis: Axis of the component the rail runs along, 0..2.
+    """
+
+    point: FloatArray
+    axis: int
+
+
+@dataclass(frozen=True, eq=False)
+class Rail:
+    """A straight strip whose motion is a spline: four control values (x y z, rotation about the rail) per station.
+
+    Attributes:
+        axis: Axis of the component it runs along, 0..2.
+        center: ``(3,)`` middle of its centre line in the component frame [m].
+        low: Where it begins along its axis, component frame [m].
+        high: Where it ends [m].
+        knots: ``(N + degree + 1,)`` of the B-splines along the axis [m]; clamped, from the beginning to the end or beyond them.
+        control: ``(4 N, n)`` control values per superelement dof, component axes.
+    """
+
+    axis: int
+    center: FloatArray
+    low: float
+    high: float
+    knots: FloatArray
+    control: FloatArray
+
+
+def lay_out_rail(component: Component, interface: Interface, centroid: FloatArray) -> Rail:
+    """A rail of a component that is not meshed, without control values: the smallest cubic spline between its ends.
+
+    Raises:
+        ModelError: Where it ends is not known.
+    """
+    if interface.rail is None:
+        raise ValueError(f"interface {interface.name!r} is no rail")
+    span = rail_span(component.solid, interface)
+    if span is None:
+        raise ModelError(
+            f"component {component.name!r}: where rail {interface.name!r} ends is not known without a mesh; give its area as a rect"
+        )
+    axis = "xyz".index(interface.rail.along)
+    center = np.array(centroid, dtype=float)
+    center[axis] = 0.5 * (span[0] + span[1])
+    return Rail(axis, center, *span, place_knots(*span, DEGREE + 1), np.zeros((STATION_DOFS * (DEGREE + 1), 0)))
+
+
+def place_knots(low: float, high: float, stations: int) -> FloatArray:
+    """Evenly spaced clamped knots ``(stations + 4,)`` of cubic B-splines between the ends of a rail.
+
+    Raises:
+        ValueError: Fewer stations than a cubic needs.
+    """
+    if stations <= DEGREE:
+        raise ValueError(f"a rail needs at least {DEGREE + 1} stations, not {stations}")
+    inner = np.linspace(low, high, stations - DEGREE + 1)
+    return np.concatenate([np.full(DEGREE, low), inner, np.full(DEGREE, high)])
+
+
+def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
+    """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is linear takes their values.
+
+    Source: Greville (1969); de Boor (2001), chapter IX (Marsden's identity).
+    """
+    degree = _degree(knots)
+    count = len(knots) - degree - 1
+    points = np.tile(np.asarray(center, dtype=float), (count, 1))
+    points[:, axis] = [knots[k + 1 : k + 1 + degree].mean() for k in range(count)]
+    return points
+
+
+def station_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
+    """Control values ``(4, 6)`` of a station when the body moves rigidly, six motions about an origin."""
+    return rigid_transfer(origin, point)[[0, 1, 2, 3 + axis]]
+
+
+def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
+    """Motion ``(6, n)`` of a carriage per superelement dof, component axes, at the centre line beside the carriage's middle.
+
+    Translations and the rotation about the rail are the means of the rail's motion over the carriage, weighed evenly; pitch and yaw
+    are the slopes of the straight line that fits the translations best. A force on the carriage spreads over the
+    rail as the transpose says. All of it is three times continuously differentiable in the place.
+
+    Args:
+        rail: The rail.
+        place: Middle of the carriage along the rail's axis, component frame [m].
+        length: Length of the carriage [m].
+
+    Raises:
+        ModelError: The carriage is longer than the rail or hangs over one of its ends.
+    """
+    place = _check_place(rail, place, length)
+    mean, slope = _carriage_weights(rail.knots, place, length)
+    control = rail.control.reshape(len(mean), STATION_DOFS, -1)
+    rows = np.zeros((6, control.shape[2]))
+    rows[:3] = np.einsum("k,kjn->jn", mean, control[:, :3])
+    rows[3:] = skew(np.eye(3)[rail.axis]) @ np.einsum("k,kjn->jn", slope, control[:, :3])
+    rows[3 + rail.axis] = mean @ control[:, 3]
+    return rows
+
+
+def _carriage_weights(knots: FloatArray, place: float, length: float) -> tuple[FloatArray, FloatArray]:
+    """Mean of each B-spline over a carriage ``(N,)`` [-], and its part in the slope of the best straight line ``(N,)`` [1/m]."""
+    degree, half = _degree(knots), 0.5 * length
+    once = BSpline(knots, np.eye(len(knots) - degree - 1), degree).antiderivative()
+    ends = np.array([place - half, place + half])
+    first, last = once(ends)
+    twice_first, twice_last = once.antiderivative()(ends)
+    # by parts: the integral of (x - place) B over the carriage
+    moment = half * (last + first) - (twice_last - twice_first)
+    return np.asarray((last - first) / length), np.asarray(12.0 * moment / length**3)
+
+
+def _check_place(rail: Rail, place: float, length: float) -> float:
+    slack = OVERHANG_TOLERANCE * (rail.high - rail.low)
+    if not 0.0 < length <= rail.high - rail.low + slack:
+        raise ModelError(
+            f"a carriage of {_mm(length)} does not fit on a rail of {_mm(rail.high - rail.low)}; make the rail longer or the "
+            "carriage shorter"
+        )
+    over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)
+    if over > slack:
+        raise ModelError(
+            f"a carriage of {_mm(length)} at {_mm(place)} hangs {_mm(over)} over the end of its rail, which runs from "
+            f"{_mm(rail.low)} to {_mm(rail.high)}; move the axis by that much, or make the rail longer"
+        )
+    return float(np.clip(place, rail.low + 0.5 * length, rail.high - 0.5 * length))
+
+
+def _degree(knots: FloatArray) -> int:
+    """Degree of clamped knots: the first one is repeated once more than that."""
+    return int(np.count_nonzero(knots == knots[0])) - 1
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.6g} mm"

@@ -1,0 +1,255 @@
+"""A carriage anywhere on a rail sees the motion of what is under it, on every kind of component."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from scipy.interpolate import BSpline
+
+from headstock.geometry.components import Component, Interface, Patch, RailSettings, SegmentSettings
+from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
+from headstock.geometry.joints import Axis, Joint, JointEnd
+from headstock.geometry.machines import Machine, Point, Pose
+from headstock.geometry.mass_properties import closed_form_properties
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box
+from headstock.reduction.coupling import couple
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.interface_patches import measure_patch
+from headstock.reduction.rail_fits import fit_rail
+from headstock.reduction.rails import Rail, carriage_rows, place_knots
+from headstock.reduction.rigid_reduction import reduce_rigid
+from headstock.reduction.segmented_reduction import reduce_segmented
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import check_superelement, rigid_motions
+from headstock.solvers.errors import ModelError
+from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.static_response import solve_static
+
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+LENGTH, WIDTH, HEIGHT = 0.6, 0.08, 0.05
+STATIONS = 9
+
+
+def rail_interface(stations: int = STATIONS) -> Interface:
+    return Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", stations))
+
+
+def bar(fidelity: str, *, segments: int = 10) -> Component:
+    interfaces = {"end": Interface("end", (Patch("x-"),)), "rail": rail_interface()}
+    return Component(
+        "bar", Box((LENGTH, WIDTH, HEIGHT)), STEEL, interfaces=interfaces, fidelity=fidelity, segments=SegmentSettings(segments)
+    )
+
+
+def reduce_bar(fidelity: str, *, segments: int = 10) -> Superelement:
+    component = bar(fidelity, segments=segments)
+    properties = closed_form_properties(component)
+    assert properties is not None
+    return (reduce_rigid if fidelity == "rigid" else reduce_segmented)(component, properties)
+
+
+@pytest.fixture(scope="module")
+def mesh(make_box):
+    """A bar from the origin to x = 0.6 whose foot x = 0 is an interface and whose upper side is a rail."""
+    return make_box((6, 2, 1), (LENGTH, WIDTH, HEIGHT), {"end": "x-", "rail": "z+"})
+
+
+@pytest.fixture(scope="module")
+def elastic(mesh) -> Superelement:
+    return reduce_elastic(bar("elastic"), mesh, comm=MPI.COMM_SELF, request=ReductionRequest())
+
+
+@pytest.fixture(scope="module", params=["rigid", "segmented", "elastic"])
+def element(request, elastic) -> Superelement:
+    return elastic if request.param == "elastic" else reduce_bar(request.param)
+
+
+@settings(max_examples=25, deadline=None)
+@given(share=st.floats(0.0, 1.0), length=st.floats(0.02, LENGTH))
+def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(element, share, length):
+    rail = element.rails["rail"]
+    place = rail.low + 0.5 * length + share * (rail.high - rail.low - length)
+    beside = rail.center.copy()
+    beside[0] = place
+    found = carriage_rows(rail, place, length) @ rigid_motions(element, np.array([0.1, -0.2, 0.3]))
+    np.testing.assert_allclose(found, rigid_transfer(np.array([0.1, -0.2, 0.3]), beside), atol=2e-10)
+
+
+def test_a_superelement_with_a_rail_passes_its_check(element):
+    check_superelement(element)
+    assert set(element.rails) == {"rail"} and "rail" not in element.attachments
+
+
+def test_stations_have_four_dofs_each_and_are_named(elastic):
+    assert elastic.labels[6:10] == tuple(("rail[0]", dof) for dof in ("x", "y", "z", "rx"))
+    assert elastic.boundary_size == 6 + 4 * STATIONS == len(elastic.labels)
+
+
+@pytest.mark.parametrize("place", [0.05, 0.231, 0.3, 0.5499])
+def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(mesh, elastic, dense, place):
+    """The full mesh under the tractions the carriage makes, with no reduction and no constraint in between."""
+    stiffness, _ = dense.pencil(mesh, STEEL)
+    fit = fit_rail("bar", rail_interface(), measure_patch(mesh, "rail"))
+    dofs = (3 * fit.patch.nodes[:, None] + np.arange(3)).ravel()
+    rows = carriage_rows(dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS)), place, 0.1)
+    seen = np.zeros((6, 3 * len(mesh.points)))
+    seen[:, dofs] = rows @ fit.operator.T
+    held = np.unique(mesh.patches["end"])
+    free = np.setdiff1d(np.arange(3 * len(mesh.points)), (3 * held[:, None] + np.arange(3)).ravel())
+    expected = seen[:, free] @ np.linalg.solve(stiffness[np.ix_(free, free)], seen[:, free].T)
+
+    own = carriage_rows(elastic.rails["rail"], place, 0.1)[:, 6:]
+    found = own @ np.linalg.solve(elastic.stiffness[6:, 6:], own.T)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_what_a_carriage_sees_is_smooth_across_the_stations():
+    """Third differences of every row are bounded by the third derivative between two stations: no jump, no kink."""
+    rail = Rail(0, np.zeros(3), 0.0, 1.0, place_knots(0.0, 1.0, 8), np.eye(32))
+    step = 1e-3
+    places = np.arange(0.1, 0.9, step)
+    rows = np.array([carriage_rows(rail, place, 0.15) for place in places])
+    jumps = np.abs(np.diff(rows, 4, axis=0)).max() / step**3
+    smooth = np.abs(np.diff(rows, 3, axis=0)).max() / step**3
+    assert jumps < 0.05 * smooth
+
+
+def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it():
+    """For a motion that is itself a spline, by quadrature over the carriage."""
+    knots = place_knots(0.0, 1.0, 8)
+    rail = Rail(0, np.zeros(3), 0.0, 1.0, knots, np.eye(32))
+    values = np.random.default_rng(3).standard_normal((8, 4))
+    place, length = 0.437, 0.21
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    # split at the knots, where the spline is not smooth
+    edges = np.concatenate([[place - length / 2], [k for k in knots if abs(k - place) < length / 2], [place + length / 2]])
+    low, high = edges[:-1, None], edges[1:, None]
+    x = (0.5 * (low + high) + 0.5 * (high - low) * nodes).ravel()
+    w = (0.5 * (high - low) * weights).ravel()
+    motion = BSpline(knots, values, 3)(x)
+    found = carriage_rows(rail, place, length) @ values.ravel()
+    np.testing.assert_allclose(found[:4], w @ motion / length, rtol=1e-12)
+    slope = (w * (x - place)) @ motion / (length**3 / 12.0)
+    np.testing.assert_allclose(found[4:], [-slope[2], slope[1]], rtol=1e-10)
+
+
+def cantilever_compliance(reach: float, length: float) -> float:
+    """Mean deflection of a cantilever over a carriage under a load of 1 N spread evenly over it (Timoshenko 1921)."""
+    area, second, shear = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12.0, STEEL.youngs_modulus / 2.6
+    # two rules of different order: no node falls on the kink of the Green's function
+    (a, wa), (b, wb) = (np.polynomial.legendre.leggauss(count) for count in (40, 41))
+    x, y = (reach + 0.5 * length * nodes for nodes in (a[:, None], b[None, :]))
+    low, high = np.minimum(x, y), np.maximum(x, y)
+    bending = low**2 * (3.0 * high - low) / (6.0 * STEEL.youngs_modulus * second)
+    return float(0.25 * wa @ (bending + low / (13.0 / 15.3 * shear * area)) @ wb)
+
+
+def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does():
+    worst = []
+    for count in (10, 20, 40):
+        part = reduce_bar("segmented", segments=count)
+        node = part.attachments["end"].node
+        free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
+        flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
+        errors = []
+        for place in np.linspace(-0.1, 0.24, 15):
+            rows = carriage_rows(part.rails["rail"], float(place), 0.1)[:, free]
+            errors.append((rows @ flexibility @ rows.T)[2, 2] / cantilever_compliance(place + LENGTH / 2, 0.1) - 1.0)
+        worst.append(np.abs(errors).max())
+    assert worst[2] < 2e-4
+    assert worst[1] < 0.5 * worst[0] and worst[2] < 0.5 * worst[1]
+
+
+def sliding_machine(fidelity: str, block: float = 0.06, turn: Frame | None = None) -> Machine:
+    place = turn or Frame()
+    base = dataclasses.replace(bar(fidelity), placement=place)
+    up = Frame(place.origin + place.rotation @ np.array([0.0, 0.0, HEIGHT]), place.rotation)
+    area = Patch("z-", "rect", (0.0, 0.0, 0.0), (block, WIDTH))
+    slide = Component(
+        "slide", Box((0.1, WIDTH, 0.04)), STEEL, placement=up, fidelity="rigid",
+        interfaces={"block": Interface("block", (area,)), "top": Interface("top", (Patch("z+"),))},
+    )  # fmt: skip
+    stiffness = np.diag([1e7, 3e8, 4e8, 1e5, 2e5, 3e5])
+    joints = {
+        "foot": Joint("foot", (JointEnd("bar", "end"), JointEnd()), "rigid", held=tuple(range(6))),
+        "guide": Joint(
+            "guide", (JointEnd("bar", "rail"), JointEnd("slide", "block")), "linear_guide",
+            rotation=place.rotation, stiffness=stiffness, length=block,
+        ),
+    }  # fmt: skip
+    axis = Axis("X", ("guide",), ("slide",), place.rotation[:, 0])
+    point = Point("tcp", JointEnd("slide", "top"), JointEnd())
+    return Machine("m", {"bar": base, "slide": slide}, joints, {"tcp": point}, {"X": axis})
+
+
+def slide_body(machine: Machine) -> Superelement:
+    properties = closed_form_properties(machine.components["slide"])
+    assert properties is not None
+    return reduce_rigid(machine.components["slide"], properties)
+
+
+@pytest.mark.parametrize("place", [-0.2, 0.0, 0.13])
+def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stands(place):
+    machine = sliding_machine("rigid")
+    area = Patch("z+", "rect", (place, 0.0, 0.0), (0.06, WIDTH))
+    base = dataclasses.replace(
+        machine.components["bar"], interfaces={"end": bar("rigid").interfaces["end"], "rail": Interface("rail", (area,))}
+    )
+    fixed = dataclasses.replace(
+        machine,
+        components=machine.components | {"bar": base},
+        joints=machine.joints
+        | {"guide": dataclasses.replace(machine.joints["guide"], ends=machine.joints["guide"].ends[::-1], length=None)},
+    )
+    properties = closed_form_properties(base)
+    assert properties is not None
+    slide = slide_body(machine)
+    pose = Pose("p", {"X": place})
+    with_rail = couple({"bar": reduce_bar("rigid"), "slide": slide}, machine, pose).system
+    without = couple({"bar": reduce_rigid(base, properties), "slide": slide}, fixed, pose).system
+    np.testing.assert_allclose(
+        solve_modal(with_rail, count=6).frequencies_hz, solve_modal(without, count=6).frequencies_hz, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("fidelity", ["segmented", "elastic"])
+def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity, elastic):
+    shift = 0.5 * LENGTH if fidelity == "elastic" else 0.0  # the structured mesh begins at the origin
+    frame = Frame(np.array([1.0, -2.0, 0.5]), rotation_about(np.array([1.0, 2.0, -0.5]), 1.1))
+    part = elastic if fidelity == "elastic" else reduce_bar("segmented")
+    found = []
+    for turn in (Frame(), frame):
+        machine = sliding_machine(fidelity, turn=turn)
+        coupled = couple({"bar": part, "slide": slide_body(machine)}, machine, Pose("p", {"X": 0.17 + shift}))
+        ports = np.column_stack([coupled.system.inputs["tcp", dof] for dof in "xyz"])
+        compliance = turn.rotation.T @ (ports.T @ solve_static(coupled.system, ports).displacements) @ turn.rotation
+        found.append(compliance)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8, atol=1e-9 * np.abs(found[0]).max())
+
+
+def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint():
+    machine = sliding_machine("rigid")
+    parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
+    with pytest.raises(ModelError, match=r"joint 'guide': rail bar.rail: a carriage of 60 mm at 280 mm hangs 10 mm over the end"):
+        couple(parts, machine, Pose("far", {"X": 0.28}))
+    with pytest.raises(ModelError, match=r"a carriage of 700 mm does not fit on a rail of 600 mm"):
+        couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
+
+
+def test_a_rail_across_the_segments_is_refused():
+    component = bar("segmented")
+    across = dataclasses.replace(rail_interface(), rail=RailSettings("y", 5))
+    component = dataclasses.replace(component, interfaces={"rail": across})
+    properties = closed_form_properties(component)
+    assert properties is not None
+    with pytest.raises(ModelError, match=r"rail bar.rail runs along y, across its segments; write segments = \{ along = \"y\" \}"):
+        reduce_segmented(component, properties)
+
+
+def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh):
+    with pytest.raises(ModelError, match=r"too few points along rail rail to tell its 40 stations apart"):
+        fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
