@@ -141,8 +141,9 @@ class ParametricScene:
         else:
             entry = self._entry("materials", table.material, numbers)
             material = build_material(table.material, MaterialTable.model_validate(entry))
-        component = build_component(name, table, solid, material, free=False)
         written = self.scene.machine.components[name]
+        stations = {key: interface.rail.stations for key, interface in written.interfaces.items() if interface.rail is not None}
+        component = build_component(name, table, solid, material, free=False, stations=stations)
         component = dataclasses.replace(component, free=written.free, reduction=written.reduction)
         if component.fidelity == "elastic":
             return component, _rescale(self.superelements[name], written, component)
