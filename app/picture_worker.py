@@ -13,14 +13,14 @@ from headstock.app.picture_scenes import Picture, mode_picture, rest_picture
 from headstock.app.png_images import encode_png
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
-from headstock.pipeline.result_files import read_summary, read_view
+from headstock.pipeline.result_files import read_curves, read_summary, read_view
 from headstock.pipeline.results import Json
 
 MACHINE_SIZE = (1500, 960)
 MODE_SIZE = (720, 480)
 MODES_DRAWN = 40
 LIFETIME = 150  # seconds
-CHARTS = "headstock.app.charts"
+CHARTS, FRF_CHARTS = "headstock.app.charts", "headstock.app.frf_charts"
 RENDERERS = {"vtk": ("headstock.app.vtk_pictures", "draw_with_vtk"), "painted": ("headstock.app.painted_pictures", "paint")}
 
 
@@ -55,6 +55,7 @@ def main(arguments: list[str]) -> int:
         summary = read_summary(folder)
         pictures += list_mode_pictures(summary, view)
         images = charts.draw_charts(summary, component_colors(view))
+        images |= importlib.import_module(FRF_CHARTS).draw_responses(read_curves(folder))
     if view.skins:
         module, function = RENDERERS[renderer]
         images |= getattr(importlib.import_module(module), function)(pictures)

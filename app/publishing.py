@@ -1,11 +1,14 @@
 """Everything a finished run leaves besides ``results.h5`` and ``summary.json``: report, tables, figures and mode shapes."""
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from headstock.app.frf_tables import tabulate_response
 from headstock.app.pictures import Drawing, draw_machine, draw_pictures, stills_by_pose
 from headstock.app.report import write_report
 from headstock.app.summary_tables import encode_csv, list_tables
+from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.mode_files import write_mode_files
 from headstock.pipeline.result_files import OutputError, write_output
@@ -15,13 +18,16 @@ from headstock.pipeline.store import Store, default_store_root
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 
 
-def publish_run(folder: Path, summary: Json, view: MachineView, *, figures: bool = True) -> list[str]:
+def publish_run(
+    folder: Path, summary: Json, view: MachineView, curves: Sequence[ResponseCurves] = (), *, figures: bool = True
+) -> list[str]:
     """Write report, tables and modes, and pictures of the machine while that goes on; remarks for the user.
 
     Args:
         folder: Folder of results.
         summary: Content of ``summary.json``.
         view: What there is to draw.
+        curves: Of the frequency responses.
         figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
 
     Raises:
@@ -30,21 +36,21 @@ def publish_run(folder: Path, summary: Json, view: MachineView, *, figures: bool
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, folder, view, store) if figures else None
-        write_tables(folder, summary)
+        write_tables(folder, summary, curves)
         write_mode_files(folder, summary, view)
         drawn = drawing.result() if drawing is not None else Drawing({})
     _write_files(folder / FIGURES_FOLDER, {f"{name}.png": image for name, image in drawn.images.items()}, "*.png")
-    write_report(folder, summary, view, stills_by_pose(view, drawn.images))
+    write_report(folder, summary, view, stills_by_pose(view, drawn.images), curves)
     return [drawn.remark] if drawn.remark else []
 
 
-def publish_again(folder: Path, summary: Json, view: MachineView) -> list[str]:
+def publish_again(folder: Path, summary: Json, view: MachineView, curves: Sequence[ResponseCurves] = ()) -> list[str]:
     """The same from the files of a run, with the pictures of all modes and every chart; remarks for the user.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    remarks = publish_run(folder, summary, view)
+    remarks = publish_run(folder, summary, view, curves)
     drawn = draw_pictures(folder, "all")
     # the machine itself stays as it is in the report
     target = folder / FIGURES_FOLDER
@@ -53,13 +59,14 @@ def publish_again(folder: Path, summary: Json, view: MachineView) -> list[str]:
     return remarks + ([drawn.remark] if drawn.remark and drawn.remark not in remarks else [])
 
 
-def write_tables(folder: Path, summary: Json) -> None:
+def write_tables(folder: Path, summary: Json, curves: Sequence[ResponseCurves] = ()) -> None:
     """Write every table as ``tables/NAME.csv``.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    _write_files(folder / TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in list_tables(summary)}, "*.csv")
+    tables = [*list_tables(summary), *(tabulate_response(response) for response in curves)]
+    _write_files(folder / TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables}, "*.csv")
 
 
 def _write_files(folder: Path, files: dict[str, bytes], pattern: str) -> None:

@@ -2,7 +2,7 @@
 
 import base64
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stac
 from headstock.app.report_notes import judge_numbers
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
 from headstock.app.viewer_data import encode_machine
+from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
 from headstock.pipeline.result_files import REPORT_FILE, write_output
@@ -25,18 +26,29 @@ SHARES_NAMED = 3
 SMALLEST_NAMED = 0.02
 
 
-def write_report(folder: Path, summary: Json, view: MachineView | None = None, stills: Mapping[str, bytes] | None = None) -> Path:
+def write_report(
+    folder: Path,
+    summary: Json,
+    view: MachineView | None = None,
+    stills: Mapping[str, bytes] | None = None,
+    curves: Sequence[ResponseCurves] = (),
+) -> Path:
     """Write ``report.html`` into a folder of results.
 
     Raises:
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(summary, view, stills).encode())
+    write_output(path, render_report(summary, view, stills, curves).encode())
     return path
 
 
-def render_report(summary: Json, view: MachineView | None = None, stills: Mapping[str, bytes] | None = None) -> str:
+def render_report(
+    summary: Json,
+    view: MachineView | None = None,
+    stills: Mapping[str, bytes] | None = None,
+    curves: Sequence[ResponseCurves] = (),
+) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
     Every number from the summary stands in a ``data`` element, or an SVG text, with its unrounded value as an attribute.
@@ -45,6 +57,7 @@ def render_report(summary: Json, view: MachineView | None = None, stills: Mappin
         summary: Content of ``summary.json``.
         view: What there is to draw; without it the report has no machine view.
         stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+        curves: Of the frequency responses.
     """
     view = view or MachineView()
     colors = component_colors(view)

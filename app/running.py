@@ -54,7 +54,9 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
         results = run_scene(scene, output, comm=comm, observer=print_stage)
         if comm.rank == 0:
             summary = summarise(results)
-            remarks = publish_run(output, summary, results.view, figures=request.figures)
+            remarks = publish_run(
+                output, summary, results.view, [response.curves for response in results.responses], figures=request.figures
+            )
             if request.json_file is not None:
                 write_output(request.json_file, dump_json(summary).encode())
             print_remarks(remarks)

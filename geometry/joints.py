@@ -42,6 +42,7 @@ class Joint:
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
         point: ``(3,)`` joint point [m] or None.
         length: Length of the carriage on a rail [m]; None for a joint between fixed interfaces.
+        loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the stiffness [-].
     """
 
     name: str
@@ -53,6 +54,7 @@ class Joint:
     damping: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     point: FloatArray | None = None
     length: float | None = None
+    loss_factor: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

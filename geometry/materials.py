@@ -12,9 +12,11 @@ class Material:
         youngs_modulus: E [Pa].
         poisson_ratio: nu [-].
         density: rho [kg/m^3].
+        loss_factor: Structural damping eta: the complex modulus is ``E (1 + i eta)`` [-].
     """
 
     name: str
     youngs_modulus: float
     poisson_ratio: float
     density: float
+    loss_factor: float = 0.0

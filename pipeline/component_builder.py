@@ -39,7 +39,7 @@ NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 
 def build_material(name: str, table: MaterialTable) -> Material:
     """The material a table stands for."""
-    return Material(name, table.E, table.nu, table.rho)
+    return Material(name, table.E, table.nu, table.rho, table.loss_factor)
 
 
 def build_solid(table: SolidTable, folder: Path) -> Solid:

@@ -1,7 +1,7 @@
 """Physical effects a scene can switch on, and what may be written for them."""
 
 from headstock.pipeline.scene_errors import suggest_names
-from headstock.pipeline.units import ACCELERATION, UnitError, parse_quantity, show_value
+from headstock.pipeline.units import ACCELERATION, RATIO, UnitError, parse_quantity, show_value
 
 EFFECT_NAMES = ("gravity", "damping")
 STANDARD_GRAVITY = 9.80665
@@ -18,7 +18,34 @@ def find_effect_fault(name: str, value: object) -> str:
         except UnitError as error:
             return str(error)
         return ""
-    return "" if isinstance(value, bool) else f"{show_value(value)} is neither true nor false; true uses the joints' damping"
+    try:
+        read_modal_damping(value)
+    except UnitError as error:
+        return str(error)
+    return ""
+
+
+def read_modal_damping(value: object) -> tuple[float, ...]:
+    """Damping ratios of the modes: of ``{ modal = 0.02 }``, or of a list for the first, second, ... and all other modes.
+
+    Raises:
+        UnitError: It is neither a flag nor such a table.
+    """
+    if isinstance(value, bool):
+        return ()
+    if not isinstance(value, dict) or set(value) != {"modal"}:
+        raise UnitError(
+            f"{show_value(value)} is neither true nor {{ modal = 0.02 }}; true uses the damping of joints and materials,"
+            " and modal adds a damping ratio to every mode"
+        )
+    given = value["modal"] if isinstance(value["modal"], list) else [value["modal"]]
+    ratios = [parse_quantity(item, RATIO).value if isinstance(item, str) else item for item in given]
+    for ratio in ratios:
+        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 <= ratio < 1.0:
+            raise UnitError(f'{show_value(ratio)} is no damping ratio from 0 to below 1; write for example 0.02 or "2 %"')
+    if not ratios:
+        raise UnitError("holds no damping ratio; write { modal = 0.02 }")
+    return tuple(float(ratio) for ratio in ratios)
 
 
 def read_gravity(value: object) -> tuple[float, float, float]:

@@ -100,6 +100,8 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
             faults.add(f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}', "stiffness")
     if table.kind == "spring" and not table.stiffness and not table.damping:
         faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
+    if table.loss_factor and not any(isinstance(value, Quantity) for value in table.stiffness.values()):
+        faults.add("there is no stiffness that it could be a share of; remove it or give a stiffness", "loss_factor")
     for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
         for key, value in values.items():
             _check_value(table, rule, part, key, value, faults)
@@ -173,6 +175,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         damping=damping,
         point=None if table.at is None else np.array(table.at),
         length=table.length,
+        loss_factor=table.loss_factor,
     )
 
 

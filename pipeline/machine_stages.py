@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.pipeline.damped_machines import DAMPING, damp_system
 from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
 from headstock.pipeline.results import PointCompliance, PoseModes
 from headstock.pipeline.run_state import Outcome, RunState
@@ -16,10 +17,10 @@ from headstock.reduction.dof_layout import turn_dofs
 from headstock.reduction.free_motions import find_free_motions, solve_machine_static
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.damping_models import equivalent_viscous
 from headstock.solvers.errors import ModelError
 from headstock.solvers.modal_analysis import solve_modal
 
-DAMPING = "damping"
 UNSTABLE = 1e-9
 
 
@@ -110,9 +111,7 @@ def _damping(state: RunState, coupled: CoupledMachine, count: int) -> tuple[tupl
     """Damping ratio and damped frequency of the first modes; all None unless the scene names the effect."""
     if DAMPING not in state.scene.effects:
         return (None,) * count, (None,) * count
-    if coupled.system.damping is None:
-        state.warn("the effect damping is on, but no joint has any damping: every damping ratio is zero")
-    damped = solve_damped(coupled.system)
+    damped = solve_damped(equivalent_viscous(damp_system(state, coupled.system)))
     for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
         if pole.real > UNSTABLE * abs(pole):
             state.warn(

@@ -7,6 +7,7 @@ import numpy as np
 from headstock.geometry.exechon import LEGS
 from headstock.geometry.exechon_poses import condition_numbers
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
+from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
@@ -21,7 +22,7 @@ from headstock.pipeline.scene import SceneMechanism
 from headstock.pipeline.stages import Stage
 from headstock.reduction.compliance_budget import DIRECTIONS
 from headstock.solvers.mechanism_modes import pose_system
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.static_response import solve_static
 
@@ -104,6 +105,19 @@ def run_lumped_modal_stage(state: RunState, stage: Stage) -> Outcome:
     shifts = _shift_skins(state, placed, result.shapes)
     state.views[_pose_name(stage)] = dataclasses.replace(state.views[_pose_name(stage)], shifts=shifts)
     return Outcome(detail=f"{count} modes, {result.frequencies_hz[0]:.4g} .. {result.frequencies_hz[-1]:.4g} Hz")
+
+
+def run_lumped_frf_stage(state: RunState, stage: Stage) -> Outcome:
+    """Frequency response at points."""
+    if not state.is_root:
+        return Outcome()
+    placed = _placed(state)
+
+    def name_shapes(modes: ModalResult) -> tuple[str, ...]:
+        shares = [(shape, _leg_shares(placed, shape), _kinetic_shares(placed, shape)) for shape in modes.shapes.T]
+        return tuple(_name_mode(state, placed, *each) for each in shares)
+
+    return respond(state, stage, _system(state, placed), name_shapes)
 
 
 def _system(state: RunState, placed: PlacedMechanism) -> SecondOrderSystem:

@@ -25,7 +25,7 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.scene import Limits, ModalRequest, Scene
+from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -47,11 +47,10 @@ def plan_scene(scene: Scene) -> Plan:
         BudgetError: A mesh or a stage would be larger than allowed.
     """
     gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
-    modal = scene.analyses.modal
     components: dict[str, Component] = {}
     stages: list[Stage] = []
     for name, component in scene.machine.components.items():
-        settings, reason = choose_reduction(component, modal)
+        settings, reason = choose_reduction(component, scene.analyses)
         components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
         stages += _component_stages(components[name], reason, scene.limits)
     poses = choose_poses(scene)
@@ -64,40 +63,49 @@ def plan_scene(scene: Scene) -> Plan:
         stages=tuple(stages),
         components=components,
         poses=poses,
-        with_modes=modal is not None,
+        with_modes=scene.analyses.modal is not None or scene.analyses.frf is not None,
         gravity=gravity,
         warnings=_plan_warnings(components),
     )
 
 
-def choose_reduction(component: Component, modal: ModalRequest | None) -> tuple[ReductionSettings, str]:
+def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
     """Which fixed-interface modes of a component are kept, and why."""
-    asked = component.reduction
-    if modal is None:
+    asked, modal = component.reduction, analyses.modal
+    if modal is None and analyses.frf is None:
         return ReductionSettings(modes=0), "static only: constraint modes, no eigenpairs"
     if asked.modes is not None:
         return asked, f"{asked.modes} fixed-interface modes, as the scene says"
     if asked.modes_to_hz is not None:
         return asked, f"fixed-interface modes up to {asked.modes_to_hz:g} Hz, as the scene says"
-    if modal.up_to_hz is not None:
-        limit = MODE_MARGIN * modal.up_to_hz
+    reaches = _reaches(analyses)
+    if reaches:
+        what = max(reaches, key=lambda name: reaches[name])
+        limit = MODE_MARGIN * reaches[what]
         settings = ReductionSettings(modes_to_hz=limit, verify=asked.verify)
-        return settings, f"modal analysis up to {modal.up_to_hz:g} Hz: fixed-interface modes up to {limit:g} Hz"
-    wanted = modal.count or 0
+        return settings, f"{what} up to {reaches[what]:g} Hz: fixed-interface modes up to {limit:g} Hz"
+    wanted = (modal.count if modal is not None else None) or 0
     count = default_mode_count(wanted)
     return ReductionSettings(
         modes=count, verify=asked.verify
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 
+def _reaches(analyses: Analyses) -> dict[str, float]:
+    """How high each analysis looks [Hz]; only a count of frequencies says nothing."""
+    found = {}
+    if analyses.modal is not None and analyses.modal.up_to_hz is not None:
+        found["modal analysis"] = analyses.modal.up_to_hz
+    if analyses.frf is not None:
+        found["frequency response"] = analyses.frf.to_hz
+    return found
+
+
 def choose_poses(scene: Scene) -> dict[str, Pose]:
     """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show that the machine couples."""
-    static, modal = scene.analyses.static, scene.analyses.modal
-    asked = {
-        name: pose
-        for name, pose in scene.poses.items()
-        if (static is not None and _is_asked(name, static.poses)) or (modal is not None and _is_asked(name, modal.poses))
-    }
+    analyses = scene.analyses
+    requests = [request for request in (analyses.static, analyses.modal, analyses.frf) if request is not None]
+    asked = {name: pose for name, pose in scene.poses.items() if any(_is_asked(name, request.poses) for request in requests)}
     if asked:
         return asked
     first = next(iter(scene.poses))
@@ -153,7 +161,15 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
         stages.append(Stage("recover", None, wanted, pose=pose.name))
     if modal is not None and _is_asked(pose.name, modal.poses):
         stages.append(Stage("modal", None, _describe_modal(modal), pose=pose.name))
+    frf = scene.analyses.frf
+    if frf is not None and _is_asked(pose.name, frf.poses):
+        stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
     return stages
+
+
+def _describe_frf(frf: FrfRequest) -> str:
+    entries = f"{len(frf.outputs)} × {len(frf.inputs)} responses"
+    return f"{frf.motion}, {entries} from {frf.from_hz:g} to {frf.to_hz:g} Hz"
 
 
 def _describe_modal(modal: ModalRequest) -> str:

@@ -5,7 +5,7 @@ import hashlib
 import io
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -13,6 +13,7 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.atomic_files import PendingFiles, lock_folder, write_atomically
+from headstock.pipeline.frf_results import ResponseCurves, fill_curves, parse_curves
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.record_files import RecordError, read_record, write_record
 from headstock.pipeline.results import Json, PoseModes, Results, check_finite, dump_json, summarise
@@ -123,6 +124,8 @@ def _fill(file: h5py.File, results: Results) -> None:
     if results.labels:
         file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
     write_record(file.create_group("view", track_order=True), results.view)
+    for response in results.responses:
+        fill_curves(file.create_group(f"frf/{response.curves.pose}"), response.curves)
     for modes in results.modal:
         _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
 
@@ -166,6 +169,19 @@ def read_view(folder: Path) -> MachineView:
     Raises:
         OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
     """
+    return _read_results(folder, lambda file: read_record(file["view"], MachineView))
+
+
+def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
+    """The curves of every frequency response, from ``results.h5``; empty without any.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    return _read_results(folder, lambda file: tuple(parse_curves(pose, group) for pose, group in file.get("frf", {}).items()))
+
+
+def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
     path = folder / RESULTS_FILE
     remedy = f"`headstock run SCENE -o {folder}` writes it"
     stated = read_summary(folder).get("files", {}).get(RESULTS_FILE, {}).get("sha256")
@@ -175,7 +191,7 @@ def read_view(folder: Path) -> MachineView:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT or "view" not in file:
                 raise OutputError(f"{path} holds no pictures; {remedy}")
-            return read_record(file["view"], MachineView)
+            return read(file)
     except (OSError, RecordError, KeyError, RuntimeError) as error:
         raise OutputError(f"{path} cannot be read: {error}; {remedy}") from error
 

@@ -15,6 +15,8 @@ POOR_QUALITY = 0.05
 def find_warnings(state: RunState) -> list[str]:
     """Warnings about the superelements and about frequencies beyond their reach."""
     highest = max((float(modes.frequencies_hz.max(initial=0.0)) for modes in state.modal), default=0.0)
+    frf = state.scene.analyses.frf
+    highest = max(highest, frf.to_hz if frf is not None else 0.0)
     found: list[str] = []
     for name, reduced in state.reduced.items():
         found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)

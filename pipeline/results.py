@@ -11,6 +11,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machines import Pose
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.frf_results import PoseResponse, summarise_response
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.stages import StageRecord
 from headstock.solvers.errors import AccuracyError
@@ -129,6 +130,7 @@ class Results:
         components: By name.
         static: Pose name to point name to compliance.
         modal: One per pose.
+        responses: Frequency responses, one per pose.
         probes: Pose name to probe name to response.
         joint_springs: Joint name to ``(6, 6)`` stiffness in its joint frame [N/m, N m/rad].
         points: Component to ``(n_points, 3)`` mesh points behind the displacements, component frame [m].
@@ -155,6 +157,7 @@ class Results:
     view: MachineView = field(default_factory=MachineView)
     files: dict[str, str] = field(default_factory=dict)
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
+    responses: tuple[PoseResponse, ...] = ()
 
 
 def summarise(results: Results) -> Json:
@@ -179,6 +182,8 @@ def summarise(results: Results) -> Json:
         "failures": list(results.failures),
         "files": {name: {"sha256": digest} for name, digest in results.files.items()},
     }
+    if results.responses:
+        summary["frf"] = {response.curves.pose: summarise_response(response) for response in results.responses}
     if results.probes:
         summary["probes"] = {
             pose: {name: _summarise_probe(name, probe) for name, probe in probes.items()} for pose, probes in results.probes.items()

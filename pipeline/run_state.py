@@ -7,6 +7,7 @@ from mpi4py import MPI
 from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
+from headstock.pipeline.frf_results import PoseResponse
 from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
 from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
@@ -41,6 +42,7 @@ class RunState:
     probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
     modal: list[PoseModes] = field(default_factory=list)
+    responses: list[PoseResponse] = field(default_factory=list)
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
     placed: PlacedMechanism | None = None

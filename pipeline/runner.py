@@ -17,9 +17,15 @@ from headstock.pipeline.component_stages import (
     run_segment_stage,
 )
 from headstock.pipeline.content_keys import library_versions
+from headstock.pipeline.frf_stages import run_frf_stage
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
-from headstock.pipeline.mechanism_stages import run_lumped_modal_stage, run_lumped_static_stage, run_place_stage
+from headstock.pipeline.mechanism_stages import (
+    run_lumped_frf_stage,
+    run_lumped_modal_stage,
+    run_lumped_static_stage,
+    run_place_stage,
+)
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.probe_stages import run_recover_stage
 from headstock.pipeline.rank_messages import share_from_root
@@ -45,9 +51,10 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "recover": run_recover_stage,
     "modal": run_modal_stage,
     "place": run_place_stage,
+    "frf": run_frf_stage,
 }
 # what differs once a lumped mechanism has been placed
-LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage}
+LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage, "frf": run_lumped_frf_stage}
 
 
 def run_scene(
@@ -106,6 +113,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         probes=state.probes,
         modal=tuple(state.modal),
         mechanism=state.mechanism,
+        responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         points={name: item.recovery_points for name, item in superelements.items() if item.recovery_points is not None},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),

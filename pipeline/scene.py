@@ -10,6 +10,7 @@ from headstock.geometry.exechon_poses import MountedExechon
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
 from headstock.pipeline.study_points import Study
+from headstock.solvers.second_order import Motion, Port
 
 # the axes of a mechanism's tool pose: place of the tool point, and turns of the tool about the machine's x and y
 TOOL_AXES = ("X", "Y", "Z", "A", "B")
@@ -34,11 +35,39 @@ class ModalRequest:
 
 
 @dataclass(frozen=True)
+class FrfRequest:
+    """Frequency response between ports, in named poses.
+
+    Attributes:
+        inputs: Where loads act: ``(point or component.interface, direction)``.
+        outputs: Where motion is wanted.
+        from_hz: Lowest frequency [Hz].
+        to_hz: Highest frequency [Hz].
+        points: Of the even grid.
+        spacing: Of the even grid.
+        adaptive: Add points around every resonance.
+        motion: What is tabled and drawn.
+        poses: All of them when empty.
+    """
+
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    to_hz: float
+    from_hz: float = 0.0
+    points: int = 401
+    spacing: Literal["linear", "log"] = "linear"
+    adaptive: bool = True
+    motion: Motion = "receptance"
+    poses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""
 
     static: StaticRequest | None = None
     modal: ModalRequest | None = None
+    frf: FrfRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +135,7 @@ class Scene:
         variant: Variant that was applied.
         studies: What may be varied, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
+        modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
     """
 
     name: str
@@ -121,6 +151,7 @@ class Scene:
     variant: str | None = None
     studies: dict[str, Study] = field(default_factory=dict)
     mechanism: SceneMechanism | None = None
+    modal_damping: tuple[float, ...] = ()
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:

@@ -226,6 +226,9 @@ def _check_requests(scene: SceneTable, findings: Findings) -> None:
     if static is not None and static.at is None and not scene.points and not scene.loads:
         example = 'tcp = { tool = "component.interface", work = "ground" }'
         findings.add(("analyses", "static"), f"there is no point to compute a compliance at; write [points] {example}")
+    frf = scene.analyses.frf
+    if frf is not None and frf.inputs is None and not scene.points:
+        findings.add(("analyses", "frf"), 'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]')
     if not scene.components:
         findings.add(("components",), "there are no components; write [components.NAME] with a solid and a material")
 

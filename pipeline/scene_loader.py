@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.rail_checks import check_carriages
-from headstock.pipeline.scene import Analyses, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene
@@ -17,6 +19,7 @@ from headstock.pipeline.scene_overrides import apply_settings, apply_values, app
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
 from headstock.pipeline.study_builder import build_study
+from headstock.solvers.second_order import Port
 
 DEFAULT_MODES = 6
 
@@ -74,6 +77,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
+        modal_damping=read_modal_damping(table.effects.get("damping", False)),
     )
 
 
@@ -85,4 +89,28 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...]) -> Analyses:
     if modal is not None:
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
         modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
-    return Analyses(static_request, modal_request)
+    return Analyses(static_request, modal_request, _build_frf(table, poses))
+
+
+def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
+    frf = table.analyses.frf
+    if frf is None:
+        return None
+    inputs = _expand_ports(frf.inputs or [(name, "") for name in table.points])
+    return FrfRequest(
+        inputs=inputs,
+        outputs=_expand_ports(frf.outputs) if frf.outputs else inputs,
+        to_hz=frf.to,
+        from_hz=frf.start,
+        points=frf.points,
+        spacing=frf.spacing,
+        adaptive=frf.adaptive,
+        motion=frf.motion,
+        poses=tuple(frf.poses or poses),
+    )
+
+
+def _expand_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:
+    """Every port once, with its direction."""
+    found = [(name, dof) for name, given in ports for dof in ([given] if given else DOF_NAMES[:3])]
+    return tuple(dict.fromkeys(found))

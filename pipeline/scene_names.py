@@ -147,6 +147,11 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
     static, modal = scene.analyses.static, scene.analyses.modal
     for index, point in enumerate(static.at or () if static else ()):
         _check_name(("analyses", "static", "at", index), point, "points", names, findings)
+    frf = scene.analyses.frf
+    for key, ports in (("inputs", frf.inputs), ("outputs", frf.outputs)) if frf else ():
+        for index, (name, _) in enumerate(ports or ()):
+            _check_port(("analyses", "frf", key, index), name, names, findings)
+    _check_poses("frf", frf.poses if frf else None, names, findings)
     _check_poses("static", static.poses if static else None, names, findings)
     _check_poses("modal", modal.poses if modal else None, names, findings)
 
@@ -179,6 +184,14 @@ def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings
     known = sections.get(root)
     if known is not None and rest and rest[0] not in known:
         findings.add(key, f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}")
+
+
+def _check_port(key: KeyPath, name: str, names: SceneNames, findings: Findings) -> None:
+    component, dot, interface = name.partition(".")
+    if dot:
+        _check_end(key, JointEnd(component, interface), names, findings)
+    else:
+        _check_name(key, name, "points", names, findings)
 
 
 def _check_poses(analysis: str, poses: Iterable[str] | None, names: SceneNames, findings: Findings) -> None:

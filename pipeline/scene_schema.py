@@ -6,6 +6,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.pipeline.schema_frequency import FrfTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.schema_studies import StudyTable
 from headstock.pipeline.schema_types import (
@@ -50,6 +51,7 @@ class AnalysesTable(StrictTable):
 
     static: StaticTable | None = None
     modal: ModalTable | None = None
+    frf: FrfTable | None = None
 
 
 def _read_span(value: object) -> object:

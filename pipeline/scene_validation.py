@@ -60,7 +60,7 @@ def known_keys(path: KeyPath) -> list[str] | None:
 
 def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
     model = _resolve_model(root, path)
-    return list(model.model_fields) if model is not None else None
+    return [field.alias or name for name, field in model.model_fields.items()] if model is not None else None
 
 
 def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:

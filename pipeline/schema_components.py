@@ -11,6 +11,7 @@ from headstock.pipeline.schema_types import (
     Direction,
     Flag,
     Length,
+    LossFactor,
     Name,
     NotNegativeLength,
     Number,
@@ -47,6 +48,7 @@ class MaterialTable(StrictTable):
     E: PositivePressure
     nu: Annotated[Number, AfterValidator(_check_poisson_ratio)]
     rho: PositiveDensity
+    loss_factor: LossFactor = 0.0
 
 
 class TubeTable(StrictTable):

@@ -14,6 +14,7 @@ from headstock.pipeline.schema_types import (
     Force,
     JointDamping,
     JointStiffness,
+    LossFactor,
     Moment,
     Name,
     Names,
@@ -49,6 +50,7 @@ class JointTable(StrictTable):
     length: PositiveLength | None = None
     stiffness: dict[Name, JointStiffness] = {}
     damping: dict[Name, JointDamping] = {}
+    loss_factor: LossFactor = 0.0
     allow_negative: Flag = False
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.joints import GROUND, JointEnd
 from headstock.pipeline import units
 from headstock.pipeline.units import Dimension, Quantity, UnitError, parse_quantity, show_value
@@ -76,6 +77,7 @@ PositivePressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE))
 PositiveDensity = Annotated[float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, _describe(units.DENSITY)]
 PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, _describe(units.MASS)]
 PositiveFrequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, _describe(units.FREQUENCY)]
+Frequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, _describe(units.FREQUENCY)]
 PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, _describe(units.TIME)]
 PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, _describe(units.MEMORY)]
 PositiveForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, _describe(units.FORCE)]
@@ -127,6 +129,46 @@ Count = Annotated[int, BeforeValidator(_read_count(1)), WithJsonSchema({"type": 
 CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), WithJsonSchema({"type": "integer", "minimum": 0})]
 RibCount = Annotated[int, BeforeValidator(_read_count(0, MAX_RIBS)), WithJsonSchema({"type": "integer", "minimum": 0})]
 Flag = StrictBool
+
+
+def read_share(value: object, what: str) -> float:
+    """A number between 0 and 1, plain or in per cent.
+
+    Raises:
+        PydanticCustomError: It is none.
+    """
+    if isinstance(value, str):
+        try:
+            share = parse_quantity(value, units.RATIO).value
+        except UnitError as error:
+            raise problem(str(error)) from error
+    else:
+        share = _read_number(value)
+    if not 0.0 <= share <= 1.0:
+        raise problem(f'is {share:g}; a {what} lies between 0 and 1; write for example 0.02 or "2 %"')
+    return share
+
+
+_SHARE = WithJsonSchema({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"]})
+LossFactor = Annotated[float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE]
+
+
+def _read_port(value: object) -> tuple[str, str]:
+    if isinstance(value, str) and value:
+        return value, ""
+    if not isinstance(value, list) or len(value) != 2 or not all(isinstance(part, str) for part in value):
+        raise problem(f'{show_value(value)} is no port; write ["tcp", "x"], or "tcp" for x, y and z')
+    if value[1] not in DOF_NAMES:
+        raise problem(f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}")
+    return value[0], value[1]
+
+
+# a point or component.interface, and a direction; empty for x, y and z
+PortName = Annotated[
+    tuple[str, str],
+    BeforeValidator(_read_port),
+    WithJsonSchema({"description": "point or component.interface with direction", "examples": [["tcp", "x"], "tcp"]}),
+]
 
 
 def _read_name(value: object) -> str:

@@ -36,28 +36,48 @@ def component_matrices(layout: DofLayout) -> ComponentMatrices:
 
 
 def sum_stiffness(
-    layout: DofLayout, matrices: ComponentMatrices, elimination: Elimination, springs: Sequence[JointSpring], grading: SpringGrading
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    elimination: Elimination,
+    springs: Sequence[JointSpring],
+    grading: SpringGrading,
+    weights: Mapping[str, float] | None = None,
 ) -> FloatArray:
-    """Stiffness ``(n, n)`` of components and joints.
+    """Stiffness ``(n, n)`` of components and joints, each times its weight where weights are given.
 
     A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the others its row is zero but for
     roundoff, which times its stiffness would drown a soft spring.
     """
-    total = _sum_components(layout, matrices.stiffnesses, elimination.basis)
+    weigh = _unit_weight if weights is None else weights.__getitem__
+    total = _sum_components(layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, elimination.basis)
     if not grading.groups:
         for spring in springs:
-            total += spring.rows.T @ spring.stiffness @ spring.rows
+            total += weigh(spring.name) * spring.rows.T @ spring.stiffness @ spring.rows
         return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
     rows = {spring.name: spring.rows for spring in springs}
     for index, group in enumerate(grading.groups, start=1):
         sees = (elimination.levels > 0) & (elimination.levels <= index)
         for part in group:
             row = np.where(sees, part.direction @ rows[part.joint], 0.0)
-            total += part.stiffness * np.outer(row, row)
+            total += weigh(part.joint) * part.stiffness * np.outer(row, row)
     for part in grading.soft:
         row = part.direction @ rows[part.joint]
-        total += part.stiffness * np.outer(row, row)
+        total += weigh(part.joint) * part.stiffness * np.outer(row, row)
     return 0.5 * (total + total.T)
+
+
+def sum_hysteretic(
+    layout: DofLayout,
+    matrices: ComponentMatrices,
+    elimination: Elimination,
+    springs: Sequence[JointSpring],
+    grading: SpringGrading,
+    loss_factors: Mapping[str, float],
+) -> FloatArray | None:
+    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part, or None without any."""
+    if not any(loss_factors.values()):
+        return None
+    return sum_stiffness(layout, matrices, elimination, springs, grading, loss_factors)
 
 
 def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray) -> FloatArray:
@@ -93,6 +113,10 @@ def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis
     total[noise, :] = 0.0
     total[:, noise] = 0.0
     return 0.5 * (total + total.T)
+
+
+def _unit_weight(name: str) -> float:
+    return 1.0
 
 
 def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:

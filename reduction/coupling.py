@@ -12,6 +12,7 @@ from headstock.reduction.coupled_matrices import (
     ComponentMatrices,
     component_matrices,
     sum_damping,
+    sum_hysteretic,
     sum_mass,
     sum_stiffness,
 )
@@ -103,6 +104,7 @@ def couple(
             inputs=ports,
             outputs=ports,
             labels=_label_coordinates(layout, basis),
+            hysteretic=sum_hysteretic(layout, matrices, elimination, reduced, grading, _loss_factors(machine, superelements)),
         ),
         basis=basis,
         layout=layout,
@@ -113,6 +115,12 @@ def couple(
         redundant_constraints=len(elimination.redundant),
         warnings=grading.warnings + _redundancy_warnings(elimination, sources) + _floating_warnings(floating, machine),
     )
+
+
+def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -> dict[str, float]:
+    """Loss factor of every component and joint."""
+    parts = {name: machine.components[name].material.loss_factor for name in superelements}
+    return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
 
 
 def _constraint_rows(layout: DofLayout, springs: tuple[JointSpring, ...]) -> tuple[FloatArray, tuple[str, ...]]:

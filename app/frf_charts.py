@@ -1,0 +1,72 @@
+"""Frequency responses as images: magnitude over phase, one field per output and input, by matplotlib."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from headstock.app.charts import DPI, FAINT, INK, read_pixels
+from headstock.app.frf_tables import name_entry, response_unit
+from headstock.pipeline.frf_results import ResponseCurves
+from headstock.pipeline.mode_files import file_stem
+
+MOST_FIELDS = 6  # rows and columns beyond this cannot be read
+CURVE, DIRECT = "#4f7cac", "#b5566e"
+DECADES_SHOWN = 5.0
+
+
+def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, NDArray[np.uint8]]:
+    """A grid of Bode plots per pose: name to ``(height, width, 4)`` pixels."""
+    return {f"frf_{file_stem(curves.pose)}": _draw_grid(curves) for curves in responses}
+
+
+def _draw_grid(curves: ResponseCurves) -> NDArray[np.uint8]:
+    outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
+    figure = Figure(figsize=(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs)), dpi=DPI, layout="constrained")
+    grid = figure.add_gridspec(2 * len(outputs), len(inputs), height_ratios=[3.0, 1.0] * len(outputs))
+    values = curves.values
+    for row, output in enumerate(outputs):
+        for column, given in enumerate(inputs):
+            upper, lower = figure.add_subplot(grid[2 * row, column]), figure.add_subplot(grid[2 * row + 1, column])
+            unit, factor = response_unit(curves.motion, output, given)
+            color = DIRECT if output == given else CURVE
+            size = factor * np.abs(values[:, row, column])
+            _draw_magnitude(upper, curves, size, color)
+            upper.set_title(f"{name_entry(output, given)} [{unit}]", fontsize=9, color=INK, loc="left")
+            _draw_phase(lower, curves, values[:, row, column], color)
+            if row == len(outputs) - 1:
+                lower.set_xlabel("frequency [Hz]", fontsize=9, color=INK)
+    return read_pixels(figure)
+
+
+def _draw_magnitude(axes: Axes, curves: ResponseCurves, size: Any, color: str) -> None:
+    axes.semilogy(curves.frequencies_hz, np.where(size > 0.0, size, np.nan), color=color, linewidth=1.2)
+    top = np.nanmax(size, initial=0.0)
+    if top > 0.0:
+        axes.set_ylim(max(np.nanmin(np.where(size > 0.0, size, np.nan)) / 1.5, top / 10.0**DECADES_SHOWN), 2.0 * top)
+    axes.tick_params(labelbottom=False)
+    _frame(axes, curves)
+
+
+def _draw_phase(axes: Axes, curves: ResponseCurves, values: Any, color: str) -> None:
+    phase = np.degrees(np.angle(values))
+    # a line from -180 to 180 degrees would say something that is not so
+    jumps = np.abs(np.diff(phase, prepend=phase[:1])) > 180.0
+    axes.plot(curves.frequencies_hz, np.where(jumps, np.nan, phase), color=color, linewidth=1.0)
+    axes.set_ylim(-190.0, 190.0)
+    axes.set_yticks([-180, 0, 180], ["-180°", "0°", "180°"])
+    _frame(axes, curves)
+
+
+def _frame(axes: Axes, curves: ResponseCurves) -> None:
+    axes.set_xlim(curves.frequencies_hz[0], curves.frequencies_hz[-1])
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("bottom", "left"):
+        axes.spines[side].set_color(FAINT)
+    axes.tick_params(labelsize=8, colors=INK, length=0, which="both")
+    axes.grid(color=FAINT, linewidth=0.5)
+    axes.set_axisbelow(True)

@@ -1,0 +1,39 @@
+"""Frequency responses as plain rows, and the units in which they are shown."""
+
+import math
+
+import numpy as np
+
+from headstock.app.summary_tables import PlainTable
+from headstock.pipeline.frf_results import ResponseCurves
+from headstock.pipeline.mode_files import file_stem
+from headstock.solvers.second_order import Motion, Port
+from headstock.solvers.system_ports import name_port
+
+RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+
+
+def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
+    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/N as machine tool builders write them."""
+    turns, moment = output[1].startswith("r"), given[1].startswith("r")
+    if motion == "receptance" and not turns and not moment:
+        return "µm/N", 1e6
+    return f"{'rad' if turns else 'm'}{RATES[motion]} per {'N m' if moment else 'N'}", 1.0
+
+
+def name_entry(output: Port, given: Port) -> str:
+    """``tcp x / tcp y``: motion over load."""
+    return f"{name_port(output)} / {name_port(given)}"
+
+
+def tabulate_response(curves: ResponseCurves) -> PlainTable:
+    """A row per frequency: real and imaginary part of every entry in SI; empty where there is no value."""
+    values = curves.values
+    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
+    for row, output in enumerate(curves.outputs):
+        for column, given in enumerate(curves.inputs):
+            unit = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[curves.motion]} per {'N m' if given[1].startswith('r') else 'N'}"
+            headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
+            columns += [np.array(part, dtype=float) for part in (values[:, row, column].real, values[:, row, column].imag)]
+    cells = tuple(tuple(None if math.isnan(value) else float(value) for value in row) for row in np.column_stack(columns))
+    return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)

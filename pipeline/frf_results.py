@@ -1,0 +1,154 @@
+"""Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.frequency_response import convert_receptance
+from headstock.solvers.second_order import ComplexArray, Motion, Port
+from headstock.solvers.system_ports import name_port
+
+Json = dict[str, Any]
+UM_PER_KN = 1e9  # m/N
+N_PER_UM = 1e-6  # N/m
+
+
+@dataclass(frozen=True, eq=False)
+class PortFigures:
+    """What the response at one port to a load there says about cutting.
+
+    Attributes:
+        port: Name and direction.
+        static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
+        worst_real: Most negative real part; None where there is none, or the response is unbounded.
+        worst_real_hz: Its frequency [Hz].
+        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting stiffness per width.
+        softest: Smallest dynamic stiffness; None where the response is unbounded.
+        softest_hz: Its frequency [Hz].
+        softest_mode: Name of the natural mode nearest to it.
+        plain_sum_error: Share of the static compliance that the modes up to the highest frequency miss: what a sum over
+            them without static correction would lack.
+    """
+
+    port: Port
+    static: float | None
+    worst_real: float | None
+    worst_real_hz: float | None
+    chatter_stiffness: float | None
+    softest: float | None
+    softest_hz: float | None
+    softest_mode: str
+    plain_sum_error: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurves:
+    """What is tabled and drawn of a frequency response.
+
+    Attributes:
+        pose: Name of the pose.
+        inputs: Where loads act.
+        outputs: Where motion is seen.
+        frequencies_hz: ``(n,)``.
+        receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
+        motion: What is tabled and drawn.
+    """
+
+    pose: str
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    frequencies_hz: FloatArray
+    receptance: ComplexArray
+    motion: Motion
+
+    @property
+    def values(self) -> ComplexArray:
+        """Receptance, mobility or accelerance ``(n, n_outputs, n_inputs)``."""
+        return convert_receptance(self.receptance, self.frequencies_hz, self.motion)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseResponse:
+    """Frequency response in one pose.
+
+    Attributes:
+        curves: What is tabled and drawn.
+        method: ``modal``, ``poles`` or ``direct``.
+        damped: Any damping is on.
+        free_body: Entries without a value at 0 Hz, as ``output / input``.
+        singular_hz: Frequencies on the pole of an undamped mode.
+        figures: Of every port that is input and output.
+    """
+
+    curves: ResponseCurves
+    method: str
+    damped: bool
+    free_body: tuple[str, ...]
+    singular_hz: tuple[float, ...]
+    figures: tuple[PortFigures, ...]
+
+
+def summarise_response(response: PoseResponse) -> Json:
+    """The entry of a pose in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+    curves = response.curves
+    return {
+        "inputs": [list(port) for port in curves.inputs],
+        "outputs": [list(port) for port in curves.outputs],
+        "from_hz": float(curves.frequencies_hz[0]),
+        "to_hz": float(curves.frequencies_hz[-1]),
+        "points": len(curves.frequencies_hz),
+        "motion": curves.motion,
+        "method": response.method,
+        "damped": response.damped,
+        "free_body": list(response.free_body),
+        "singular_hz": list(response.singular_hz),
+        "ports": [_summarise_port(figures) for figures in response.figures],
+    }
+
+
+def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
+    """Write the curves of a pose: receptance in SI, NaN where there is no value."""
+    group["frequencies_hz"] = curves.frequencies_hz
+    group["receptance"] = curves.receptance
+    group.attrs["motion"] = curves.motion
+    for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
+        group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
+
+
+def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
+    """Read what ``fill_curves`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    inputs, outputs = (tuple(_split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
+    return ResponseCurves(pose, inputs, outputs, group["frequencies_hz"][:], group["receptance"][:], group.attrs["motion"])
+
+
+def _split_port(text: str) -> Port:
+    name, _, direction = text.rpartition(" ")
+    return name, direction
+
+
+def _summarise_port(figures: PortFigures) -> Json:
+    linear = figures.port[1] in "xyz"
+    soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
+    names = ("um_per_kN", "N_per_um") if linear else ("SI", "SI")
+    return {
+        "port": list(figures.port),
+        f"static_{names[0]}": _scaled(figures.static, soft),
+        f"worst_real_{names[0]}": _scaled(figures.worst_real, soft),
+        "worst_real_hz": figures.worst_real_hz,
+        f"chatter_stiffness_{names[1]}": _scaled(figures.chatter_stiffness, stiff),
+        f"softest_{names[1]}": _scaled(figures.softest, stiff),
+        "softest_hz": figures.softest_hz,
+        "softest_mode": figures.softest_mode,
+        "plain_sum_error": figures.plain_sum_error,
+    }
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
