@@ -54,11 +54,13 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.
     """
-    placements = place_components(machine, pose)
+    ends = {name: rail_end(machine, joint) for name, joint in machine.joints.items()}
+    riding = [(machine.joints[name], rail) for name, rail in ends.items() if rail is not None]
+    # poses of a mechanism name no axes
+    placements = place_components(machine, pose) if riding else {}
     found = []
-    for joint in machine.joints.values():
-        rail = rail_end(machine, joint)
-        if rail is None or joint.length is None:
+    for joint, rail in riding:
+        if joint.length is None:
             continue
         component = machine.components[str(rail.component)]
         interface = component.interfaces[str(rail.interface)]
