@@ -15,7 +15,7 @@ from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.frequency_grid import UNDAMPED, refine_grid
 from headstock.solvers.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, prepare_frf
 from headstock.solvers.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.modal_coordinates import ModalCoordinates
+from headstock.solvers.modal_coordinates import ModalCoordinates, count_modes, keep_modes
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.solvers.stability_figures import StabilityFigures, find_stability_figures
 
@@ -126,6 +126,5 @@ def _plain_sum_error(coordinates: ModalCoordinates | None, row: int, column: int
     """Share of the static compliance that elastic modes up to a frequency miss; None where there is none."""
     if coordinates is None or not coordinates.elastic[row, column]:
         return None
-    kept = (coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)
-    terms = coordinates.outputs[row, kept] * coordinates.inputs[kept, column] / coordinates.squares[kept]
-    return float(1.0 - terms.sum() / coordinates.elastic[row, column])
+    kept = keep_modes(coordinates, count_modes(coordinates, limit_hz))
+    return float(kept.residual[row, column] / coordinates.elastic[row, column])

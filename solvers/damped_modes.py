@@ -1,5 +1,6 @@
 """Complex modes of a viscously damped second-order system, overdamped ones included."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,11 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.symmetric_matrices import is_symmetric
 
 REAL_POLE = 1e-9
+MASSLESS_CONDITION = 1e14
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +28,10 @@ class DampedModes:
         shares: ``(m, n_undamped)`` squared size of each undamped mode in a shape; rows sum to 1.
     """
 
-    poles: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+    poles: ComplexArray
     frequencies_hz: FloatArray
     damping_ratios: FloatArray
-    shapes: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+    shapes: ComplexArray
     shares: FloatArray
 
 
@@ -37,8 +40,11 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
 
     In these coordinates stiffness and mass are diagonal, so that springs which differ by many decades cost no digits.
 
+    Unsymmetric terms of control or gyroscopes are found by a test and take the general road, without undamped modes and shares.
+
     Args:
-        system: Symmetric mass and stiffness, positive definite mass; the damping need not be proportional.
+        system: Positive definite mass; the damping need not be proportional. Structural damping must have been replaced
+            (``equivalent_viscous``).
         undamped: All undamped modes, where they are already known.
 
     Raises:
@@ -47,6 +53,10 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
 
     Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), sec. 3.3.
     """
+    if system.hysteretic is not None:
+        raise ModelError("structural damping has no place in a state matrix; replace it by equivalent_viscous first")
+    if not (is_symmetric(system.mass) and is_symmetric(system.stiffness)):
+        return _solve_unsymmetric(system)
     modes = undamped or solve_modal(system)
     count = len(system.mass)
     if modes.infinite_count or modes.shapes.shape[1] != count:
@@ -62,7 +72,27 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
     state[:count, count:] *= scale
     state[count:, :count] /= scale
     poles, vectors = scipy.linalg.eig(state, check_finite=False)
-    return _sort_poles(poles, vectors[:count], modes)
+    return _sort_poles(poles, vectors[:count], modes.shapes)
+
+
+def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:
+    """Complex modes from ``M^-1 K`` and ``M^-1 C`` as they are."""
+    count = len(system.mass)
+    inverse = _invert_mass(system.mass)
+    damping = np.zeros((count, count)) if system.damping is None else inverse @ system.damping
+    stiffness = inverse @ system.stiffness
+    scale = max(float(np.sqrt(np.abs(stiffness).max(initial=0.0))), float(np.abs(damping).max(initial=0.0)), 1.0)
+    state = np.block([[np.zeros((count, count)), scale * np.eye(count)], [-stiffness / scale, -damping]])
+    poles, vectors = scipy.linalg.eig(state, check_finite=False)
+    factor = np.linalg.cholesky(0.5 * (system.mass + system.mass.T)).T
+    sized = _sort_poles(poles, factor @ vectors[:count], np.linalg.inv(factor))
+    return dataclasses.replace(sized, shares=np.zeros((len(sized.poles), 0)))
+
+
+def _invert_mass(mass: FloatArray) -> FloatArray:
+    if not np.linalg.cond(mass) < MASSLESS_CONDITION:
+        raise ModelError("a dof has no mass, so damped modes of an unsymmetric system cannot be computed; give every body a mass")
+    return np.asarray(np.linalg.inv(mass))
 
 
 def pair_with_undamped(damped: DampedModes, count: int) -> tuple[tuple[int | None, ...], ...]:
@@ -104,7 +134,7 @@ def damping_of_undamped(damped: DampedModes, count: int) -> tuple[tuple[float | 
     return tuple(ratios), tuple(frequencies)
 
 
-def _sort_poles(poles: np.ndarray, shapes: np.ndarray, modes: ModalResult) -> DampedModes:  # type: ignore[type-arg]
+def _sort_poles(poles: ComplexArray, shapes: ComplexArray, basis: FloatArray) -> DampedModes:
     real = np.abs(poles.imag) <= REAL_POLE * np.abs(poles)
     keep = np.flatnonzero(real | (poles.imag > 0.0))
     keep = keep[np.argsort(np.abs(poles[keep]), kind="stable")]
@@ -118,6 +148,6 @@ def _sort_poles(poles: np.ndarray, shapes: np.ndarray, modes: ModalResult) -> Da
         poles=poles,
         frequencies_hz=np.where(real, 0.0, poles.imag / (2.0 * np.pi)),
         damping_ratios=ratios,
-        shapes=modes.shapes @ shapes,
+        shapes=basis @ shapes,
         shares=(np.abs(shapes) ** 2).T,
     )

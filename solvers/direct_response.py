@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.linalg.lapack import zgecon, zgetrf, zgetrs
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.general_poles import find_poles
 from headstock.solvers.null_space import EPS
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -33,18 +33,8 @@ class DirectResponse:
         return np.array([self.rows @ self._displacements(float(value)) for value in omega]).reshape(shape)
 
     def poles(self) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]; dofs without mass have none.
-
-        Source: Tisseur and Meerbergen (2001), The quadratic eigenvalue problem, section 3.4 (first companion form, by QZ).
-        """
-        system, size = self.system, len(self.system.mass)
-        stiffness = system.stiffness + (0.0 if system.hysteretic is None else 1j * system.hysteretic)
-        damping = np.zeros((size, size)) if system.damping is None else system.damping
-        left = np.block([[np.zeros((size, size)), np.eye(size)], [-stiffness, -damping]])
-        right = np.block([[np.eye(size), np.zeros((size, size))], [np.zeros((size, size)), system.mass]])
-        numerator, denominator = scipy.linalg.eigvals(left, right, homogeneous_eigvals=True)
-        finite = np.abs(denominator) > EPS * np.abs(numerator) / np.abs(left).max()
-        found = numerator[finite] / denominator[finite]
+        """Poles at positive frequencies, and real ones [rad/s]."""
+        found = find_poles(self.system)
         return np.asarray(found[found.imag >= 0.0])
 
     def _displacements(self, omega: float) -> ComplexArray:

@@ -27,6 +27,7 @@ from headstock.solvers.system_ports import input_columns, output_rows
 BoolArray = NDArray[np.bool_]
 DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 METHODS = {ModalSum: "modal", PoleSum: "poles", DirectResponse: "direct"}
+RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place among numbers
 AGREEMENT = 1e-8  # of the sum over poles with direct solves, where it is tried
 PROBED_QUANTILES = (0.0, 0.1, 0.3, 0.7)  # of the poles: the gaps after them
 
@@ -130,7 +131,7 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
     frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
     if not np.isfinite(frequencies).all():
         raise ModelError("a frequency is not finite; write numbers in Hz")
-    omega = 2.0 * np.pi * np.abs(frequencies)
+    omega = 2.0 * np.pi * np.where(np.abs(frequencies) < RESTING_HZ, 0.0, np.abs(frequencies))
     moving = np.flatnonzero(omega > 0.0)
     values = np.empty((len(omega), *model.at_rest.shape), dtype=complex)
     values[:] = model.at_rest

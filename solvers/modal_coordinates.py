@@ -32,9 +32,9 @@ class ModalCoordinates:
         hysteretic: ``(m, m)`` or None.
         elastic: ``(n_outputs, n_inputs)`` exact static compliance of the elastic modes and of dofs without mass, apart from the
             rigid-body motion that an unbalanced load sets off.
-        residual: ``(n_outputs, n_inputs)`` what the elastic modes together lack of it: the flexibility of dofs without mass, else
-            roundoff.
-        massless: The residual is the flexibility of dofs without mass.
+        residual: ``(n_outputs, n_inputs)`` what the elastic modes together lack of it: the flexibility of dofs without mass and
+            of modes left out, else roundoff.
+        complete: No mode is left out and no dof is without mass, so that the residual is roundoff.
         shapes: ``(n, m)`` mass-normalised.
     """
 
@@ -46,7 +46,7 @@ class ModalCoordinates:
     hysteretic: FloatArray | None
     elastic: FloatArray
     residual: FloatArray
-    massless: bool
+    complete: bool
     shapes: FloatArray
 
     @property
@@ -93,9 +93,41 @@ def to_modal_coordinates(
         hysteretic=_project(system.hysteretic, modes),
         elastic=elastic,
         residual=residual,
-        massless=modes.infinite_count > 0,
+        complete=modes.infinite_count == 0,
         shapes=modes.shapes,
     )
+
+
+def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
+    """Only the lowest elastic modes; what the others add statically goes to the residual flexibility.
+
+    Args:
+        coordinates: Of all modes.
+        count: Elastic modes kept; rigid-body modes stay.
+
+    Source: MacNeal (1971), A hybrid method of component mode synthesis; Geradin and Rixen (2015), section 3.3.5 (mode
+        acceleration).
+    """
+    kept = slice(0, coordinates.rigid_count + count)
+    bent = slice(coordinates.rigid_count, coordinates.rigid_count + count)
+    rows, loads = coordinates.outputs[:, kept], coordinates.inputs[kept]
+    statics = (coordinates.outputs[:, bent] / coordinates.squares[bent]) @ coordinates.inputs[bent]
+    return dataclasses.replace(
+        coordinates,
+        squares=coordinates.squares[kept],
+        inputs=loads,
+        outputs=rows,
+        viscous=None if coordinates.viscous is None else coordinates.viscous[kept, kept],
+        hysteretic=None if coordinates.hysteretic is None else coordinates.hysteretic[kept, kept],
+        residual=coordinates.elastic - statics,
+        complete=coordinates.complete and len(coordinates.squares) <= coordinates.rigid_count + count,
+        shapes=coordinates.shapes[:, kept],
+    )
+
+
+def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
+    """Elastic modes up to a frequency."""
+    return int(np.count_nonzero((coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)))
 
 
 def has_symmetric_terms(system: SecondOrderSystem) -> bool:

@@ -20,8 +20,8 @@ class RestTerms:
     Attributes:
         rigid: ``(n_outputs, n_inputs)`` acceleration of the rigid-body motion per unit load.
         residual: ``(n_outputs, n_inputs)`` static compliance that the modes lack.
-        square: Lowest omega^2 [rad^2/s^2]: without massless dofs the residual is roundoff, and fades with the static compliance
-            beyond it; infinite with such dofs.
+        square: Lowest omega^2 [rad^2/s^2] where all modes are there: the residual is then roundoff, and fades with the static
+            compliance beyond it; else infinite.
     """
 
     rigid: FloatArray
@@ -31,7 +31,7 @@ class RestTerms:
     def evaluate(self, omega: FloatArray) -> FloatArray:
         """Their receptance ``(n_freq, n_outputs, n_inputs)``."""
         square = omega[:, None, None] ** 2
-        fading = 1.0 if np.isinf(self.square) else self.square / (self.square + square)
+        fading = 1.0 if np.isinf(self.square) else (self.square / (self.square + square)) ** 2
         return np.asarray(self.residual * fading - self.rigid / square)
 
 
@@ -89,7 +89,7 @@ def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
     """What the elastic modes of a system lack."""
     rigid, moves = rigid_response(coordinates)
     lowest = float(coordinates.squares[coordinates.rigid_count :].min(initial=np.inf))
-    return RestTerms(np.where(moves, rigid, 0.0), coordinates.residual, np.inf if coordinates.massless else lowest)
+    return RestTerms(np.where(moves, rigid, 0.0), coordinates.residual, lowest if coordinates.complete else np.inf)
 
 
 def see_modes(rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray) -> NDArray[np.bool_]:

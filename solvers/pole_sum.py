@@ -39,6 +39,10 @@ class PoleSum:
         product = sigma[:, None] * self.flexibilities
         singular = np.abs(1.0 - product) <= SINGULAR
         weights = np.where(singular, 0.0, self.flexibilities / np.where(singular, 1.0, 1.0 - product))
+        if self.first_order:
+            # above all poles, with sum r_k = 0 (a load does not jump the displacement), which the plain sum loses digits to find
+            above = np.abs(product).min(axis=1, initial=np.inf) > 1.0
+            weights[above] = 1.0 / (1j * omega[above, None] * (1.0 - product[above]))
         found = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
         return blank_singular(found, singular, self.seen)
 
