@@ -125,6 +125,49 @@ def study(
 
 
 @app.command()
+def compare(
+    scene: SceneFile,
+    variants: Annotated[
+        str | None, typer.Option("--variants", metavar="A,B,C", help="These variants [all]; A+B joins, 'as written' is none.")
+    ] = None,
+    fidelity: Annotated[
+        str | None,
+        typer.Option("--fidelity", metavar="A,B", help="Each variant with its elastic parts rigid, segmented or elastic."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-compare].")
+    ] = None,
+    pose: Annotated[str | None, typer.Option("--pose", metavar="NAME", help="Pose [the first].")] = None,
+    reference: Annotated[str | None, typer.Option("--reference", metavar="NAME", help="Column to hold the others against.")] = None,
+    effort: Annotated[
+        bool, typer.Option("--effort", help="Begin each variant from an empty store, and show what it costs.")
+    ] = False,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--change", metavar="NAME", help="With --effort: also after this variant or KEY=VALUE; repeatable."),
+    ] = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Hold variants of a scene side by side: modes paired by shape, compliances, weak links, dofs, seconds."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.comparing import CompareRequest, compare_request
+
+        lists = (_split_list(variants), _split_list(fidelity), tuple(set_ or ()))
+        return compare_request(
+            CompareRequest(
+                scene, output, *lists, pose, reference, ranks, effort=effort, change=tuple(change or ()), json_file=json
+            ),
+            comm,
+        )
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
 def show(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")] = None,
@@ -313,6 +356,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _read_solid(text: str | None) -> int | str | None:
     return int(text) if text is not None and text.isdecimal() else text
+
+
+def _split_list(text: str | None) -> tuple[str, ...]:
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
 
 
 def _load(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":

@@ -64,7 +64,7 @@ def render_report(
     static = static_by_pose(summary)
     machine = encode_machine(view, _captions(summary, view))
     return (
-        _environment()
+        report_environment()
         .get_template(TEMPLATE)
         .render(
             s=summary,
@@ -76,8 +76,8 @@ def render_report(
             colors=colors,
             notes=judge_numbers(summary),
             downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in list_tables(summary)},
-            style=Markup(_asset(STYLE)),
-            script=Markup(_asset(SCRIPT)),
+            style=Markup(read_asset(STYLE)),
+            script=Markup(read_asset(SCRIPT)),
         )
     )
 
@@ -150,9 +150,10 @@ def _captions(summary: Json, view: MachineView) -> dict[str, list[tuple[str, str
 
 
 @functools.cache
-def _environment() -> jinja2.Environment:
+def report_environment() -> jinja2.Environment:
+    """Templates with the filters that show numbers."""
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset),
+        loader=jinja2.FunctionLoader(read_asset),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -174,5 +175,6 @@ def _environment() -> jinja2.Environment:
 
 
 @functools.cache
-def _asset(name: str) -> str:
+def read_asset(name: str) -> str:
+    """Text of a file beside this module."""
     return resources.files("headstock.app").joinpath(name).read_text(encoding="utf-8")

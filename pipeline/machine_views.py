@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.components import Component
-from headstock.geometry.frames import FloatArray, Frame, rigid_map
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machines import Machine
 from headstock.geometry.skins import Skin, split_skin
 from headstock.geometry.solid_skins import inertia_skin, solid_skin
+from headstock.reduction.body_fields import carried_motion
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import locate_interface, turn_dofs
 from headstock.reduction.superelement import Superelement
 
 # single precision is plenty for pictures and halves the file
 ShiftArray = NDArray[np.floating]
-NEARNESS_POWER = 4
 BENDING_SPLITS = 3
 # told apart in light and dark, and by most colour-blind readers
 COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9172b4", "#c2a83e", "#4aa3a2", "#b5566e", "#8892a0", "#a07d5c", "#6a78c7")
@@ -135,16 +135,9 @@ def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatA
 def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
     """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else carried by the near nodes.
 
-    Where nothing is recovered each point takes the rigid motions of the boundary nodes, weighted by their nearness (Shepard
-    1968): a rigid body moves rigidly, a segmented one bends.
+    A rigid body moves rigidly.
     """
     size = len(superelement.labels)
     if superelement.recovery is not None and skin.nodes is not None:
         return np.asarray(superelement.recovery.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
-    result = np.zeros((3 * len(skin.points), size))
-    distances = np.array([np.linalg.norm(skin.points - frame.origin, axis=1) for frame in superelement.frames])
-    weights = 1.0 / np.maximum(distances, 1e-9) ** NEARNESS_POWER
-    for node, frame in enumerate(superelement.frames):
-        share = np.repeat(weights[node] / weights.sum(axis=0), 3)
-        result[:, 6 * node : 6 * node + 6] = share[:, None] * rigid_map(skin.points, frame.origin)
-    return result
+    return carried_motion(superelement, skin.points)

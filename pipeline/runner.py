@@ -108,7 +108,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         name=state.scene.name,
         versions=library_versions(LIBRARIES),
         stages=records,
-        components={name: _gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
+        components={name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
         static=state.static,
         probes=state.probes,
         modal=tuple(state.modal),
@@ -136,7 +136,8 @@ def _run_stage(state: RunState, stage: Stage, output: Path, pending: PendingFile
     return Outcome(detail=share_from_root(state.comm, str(output)))
 
 
-def _gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> ComponentFacts:
+def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> ComponentFacts:
+    """What became of a component of a run."""
     superelement, quality = reduced.superelement, reduced.quality
     component = state.plan.components[name]
     mass = superelement.mass_kg

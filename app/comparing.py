@@ -1,0 +1,147 @@
+"""``headstock compare``: variants of a scene side by side, as one table, and as JSON, CSV, figures and a page."""
+
+import contextlib
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import click
+from mpi4py import MPI
+
+from headstock.app.comparison_charts import draw_comparison
+from headstock.app.comparison_listing import comparison_csv, print_comparison, print_effort, print_variant
+from headstock.app.comparison_page import render_comparison
+from headstock.app.guard import DONE, FAILED
+from headstock.app.png_images import encode_png
+from headstock.app.running import require_ranks
+from headstock.geometry.components import Fidelity
+from headstock.pipeline.comparison import compare_variants
+from headstock.pipeline.comparison_summary import summarise_comparison, summarise_effort
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.results import Json, dump_json
+from headstock.pipeline.scene_errors import suggest_names
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.variant_choices import choose_variants
+from headstock.pipeline.variant_solving import VariantChoice, VariantSolution, solve_variant
+
+PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
+
+
+@dataclass(frozen=True)
+class CompareRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    output: Path | None
+    variants: tuple[str, ...]
+    fidelities: tuple[str, ...]
+    overrides: tuple[str, ...]
+    pose: str | None
+    reference: str | None
+    ranks: int | None
+    effort: bool
+    change: tuple[str, ...]
+    json_file: Path | None
+
+
+def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
+    """Solve every variant on all ranks, print them side by side and write the files.
+
+    Raises:
+        SceneError: A variant has problems.
+        click.UsageError: An option does not fit.
+        HeadstockError: A computation or a file failed.
+    """
+    start = time.perf_counter()
+    require_ranks(request.ranks, comm)
+    choices = share_from_root(comm, _choose(request) if comm.rank == 0 else None)
+    folder = request.output or Path("results") / f"{request.scene.stem}-compare"
+    with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
+        summary, solutions = _solve_all(request, choices, comm)
+        if comm.rank == 0:
+            _publish(summary, folder, request.json_file)
+            print_comparison(summary)
+            print_effort(summary)
+            print(f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})")
+    return int(share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE))
+
+
+def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
+    known = get_args(Fidelity)
+    for fidelity in request.fidelities:
+        if fidelity not in known:
+            raise click.UsageError(f"there is no fidelity {fidelity!r}; {suggest_names(fidelity, known, what='fidelities')}")
+    fidelities: list[Fidelity] = [known[known.index(fidelity)] for fidelity in request.fidelities]
+    choices = choose_variants(request.scene, request.variants, fidelities=fidelities, overrides=request.overrides)
+    names = [choice.name for choice in choices]
+    if request.reference is not None and request.reference not in names:
+        raise click.UsageError(
+            f"there is no variant {request.reference!r}; {suggest_names(request.reference, names, what='columns')}"
+        )
+    for choice in choices:
+        scene = load_scene(request.scene, variant=choice.variant, overrides=choice.overrides)
+        if request.pose is not None and request.pose not in scene.poses:
+            raise click.UsageError(f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}")
+        if request.change:
+            changed = _change(choice, request.change, scene.variants)
+            load_scene(request.scene, variant=changed.variant, overrides=changed.overrides)
+    return choices
+
+
+def _solve_all(request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm) -> tuple[Json, list[VariantSolution]]:
+    solutions: list[VariantSolution] = []
+    efforts: Json = {}
+    for choice in choices:
+        with _store(cold=request.effort) as store:
+            solution = solve_variant(request.scene, choice, pose=request.pose, comm=comm, store=store)
+            runs = {"first": solution}
+            if request.change:
+                known = tuple(load_scene(request.scene).variants)
+                changed = _change(choice, request.change, known)
+                runs["changed"] = solve_variant(request.scene, changed, pose=request.pose, comm=comm, store=store)
+        if solution is not None:
+            solutions.append(solution)
+            efforts[choice.name] = {name: summarise_effort(run.effort) for name, run in runs.items() if run is not None}
+            print_variant(choice.name, efforts[choice.name])
+    if not solutions:
+        return {}, []
+    name = load_scene(request.scene).name
+    summary = summarise_comparison(compare_variants(solutions, scene=name, reference=request.reference))
+    if request.effort:
+        summary["effort"] = {"change": list(request.change), "variants": efforts}
+    return summary, solutions
+
+
+@contextlib.contextmanager
+def _store(*, cold: bool) -> Iterator[Store]:
+    """The user's store, or an empty one that is thrown away."""
+    if not cold:
+        yield Store(default_store_root())
+        return
+    with tempfile.TemporaryDirectory(prefix="headstock-") as folder:
+        yield Store(Path(folder))
+
+
+def _change(choice: VariantChoice, change: tuple[str, ...], known: tuple[str, ...]) -> VariantChoice:
+    """A variant with other variants joined and settings applied."""
+    joined = [item for item in change if item in known]
+    settings = tuple(item for item in change if item not in known)
+    parts = [choice.variant] if choice.variant else []
+    return VariantChoice(choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings))
+
+
+def _publish(summary: Json, folder: Path, json_file: Path | None) -> None:
+    figures = {name: encode_png(pixels) for name, pixels in draw_comparison(summary).items()}
+    for name, image in figures.items():
+        write_output(folder / f"{name}.png", image)
+    for name, table in comparison_csv(summary).items():
+        write_output(folder / f"{name}.csv", table)
+    write_output(folder / JSON_FILE, dump_json(summary).encode())
+    write_output(folder / PAGE_FILE, render_comparison(summary, figures).encode())
+    if json_file is not None:
+        write_output(json_file, dump_json(summary).encode())

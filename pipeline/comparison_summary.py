@@ -1,0 +1,81 @@
+"""What a comparison of variants reads like as ``compare.json``."""
+
+import numpy as np
+
+from headstock.pipeline.comparison import Comparison, ModeRow, full_dofs
+from headstock.pipeline.results import UM_PER_KN, Json, check_finite
+from headstock.pipeline.variant_solving import Effort, VariantSolution
+from headstock.reduction.compliance_budget import PointBudget, WeakLink
+
+
+def summarise_comparison(comparison: Comparison) -> Json:
+    """The content of ``compare.json``.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+    """
+    return {
+        "scene": comparison.scene,
+        "pose": comparison.pose,
+        "reference": comparison.reference,
+        "same_from": comparison.same_from,
+        "modes": [_summarise_row(row, comparison) for row in comparison.rows],
+        "variants": {name: _summarise_variant(solution) for name, solution in comparison.solutions.items()},
+    }
+
+
+def _summarise_row(row: ModeRow, comparison: Comparison) -> Json:
+    cells: Json = dict.fromkeys(comparison.solutions)
+    for name, cell in row.cells.items():
+        cells[name] = {
+            "number": cell.index + 1,
+            "frequency_hz": check_finite(f"frequencies of variant {name}", cell.frequency_hz),
+            "deviation": cell.deviation,
+            "mac": cell.correlation,
+        }
+    return {"name": row.name, "origin": row.origin, "variants": cells}
+
+
+def _summarise_variant(solution: VariantSolution) -> Json:
+    choice, modal = solution.choice, solution.modal
+    frequencies = np.zeros(0) if modal is None else modal.frequencies_hz[: solution.wanted]
+    return {
+        "variant": choice.variant,
+        "overrides": list(choice.overrides),
+        "fidelity": {name: facts.fidelity for name, facts in solution.components.items()},
+        "full_dofs": full_dofs(solution),
+        "reduced_dofs": sum(facts.reduced_dofs for facts in solution.components.values()),
+        "coupled_dofs": len(solution.coupled.system.labels),
+        "frequencies_hz": check_finite(f"frequencies of variant {choice.name}", frequencies),
+        "rigid_count": 0 if modal is None else min(modal.rigid_count, solution.wanted),
+        "mode_names": list(solution.mode_names[: solution.wanted]),
+        "static": {name: _summarise_point(name, budget, solution) for name, budget in solution.points.items()},
+        "effort": summarise_effort(solution.effort),
+        "failures": list(solution.failures),
+    }
+
+
+def _summarise_point(name: str, budget: PointBudget, solution: VariantSolution) -> Json:
+    what = f"static compliance at {name} in variant {solution.choice.name}"
+    return {
+        "compliance_um_per_kN": check_finite(what, budget.compliance[:3, :3] * UM_PER_KN),
+        "compliance_6x6": check_finite(what, budget.compliance),
+        "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
+        "weak_link": {direction: _summarise_link(link) for direction, link in solution.weak_links[name].items()},
+    }
+
+
+def _summarise_link(link: WeakLink | None) -> Json | None:
+    return None if link is None else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
+
+
+def summarise_effort(effort: Effort) -> Json:
+    """What it cost to get from the scene to the modes."""
+    return {
+        "seconds": {step: round(value, 4) for step, value in effort.seconds.items()} | {"total": round(effort.total, 4)},
+        "cpu_seconds": {step: round(value, 4) for step, value in effort.cpu_seconds.items()}
+        | {"total": round(effort.cpu_total, 4)},
+        "import_seconds": round(effort.import_seconds, 4),
+        "elastic_components": effort.reduced,
+        "from_store": effort.stored,
+    }

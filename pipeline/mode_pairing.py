@@ -1,0 +1,107 @@
+"""Which mode of one model of a machine is which mode of another: by shape, close frequencies by the space they span."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from headstock.geometry.frames import FloatArray
+
+SAME_MODE = 0.5  # a smaller correlation makes two modes different ones
+CLUSTER_GAP = 0.02  # neighbours closer than this share of their frequency may turn into each other
+# how much shape within a cluster, and then nearness in frequency, may decide where correlations are alike
+SHAPE_WEIGHT, NEARNESS_WEIGHT = 0.1, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class ModeSet:
+    """Modes of one model.
+
+    Attributes:
+        frequencies_hz: ``(m,)`` rising.
+        field: ``(k, m)`` motions at places that all models share, weighted so that scalar products are kinetic energies.
+        rigid_count: How many of the first are rigid-body modes: their frequencies are roundoff.
+    """
+
+    frequencies_hz: FloatArray
+    field: FloatArray
+    rigid_count: int = 0
+
+
+@dataclass(frozen=True)
+class ModePair:
+    """Two modes that are one: the index of each, and the square of the cosine between their shapes (MAC)."""
+
+    first: int
+    second: int
+    correlation: float
+
+
+def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and ``(k, m_2)``; 0 for a field that rests.
+
+    Source: Allemang and Brown (1982).
+    """
+    return np.asarray((_unit_columns(first).T @ _unit_columns(second)) ** 2)
+
+
+def pair_modes(first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE) -> tuple[ModePair, ...]:
+    """Modes of two models that are the same, each used once, in the order of the first.
+
+    Modes closer to each other than two per cent are no more than a basis of the space they span: there the smallest cosine
+    between the two spaces counts where it is larger than that of the single shapes. Frequencies decide only between modes
+    that correlate alike.
+
+    Args:
+        first: One model's modes.
+        second: The other's.
+        same_from: Correlation below which two modes are not the same.
+
+    Source: Kuhn (1955), optimal assignment; Bjoerck and Golub (1973), angles between spaces.
+    """
+    if not first.field.size or not second.field.size:
+        return ()
+    plain = correlate_modes(first.field, second.field)
+    spanned = np.maximum(plain, _cluster_correlations(first, second))
+    nearness = 1.0 / (1.0 + np.abs(np.log(_positive(first.frequencies_hz)[:, None] / _positive(second.frequencies_hz))))
+    gain = np.where(spanned >= same_from, spanned + SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, 0.0)
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    chosen = [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if spanned[i, j] >= same_from]
+    return tuple(ModePair(i, j, float(spanned[i, j])) for i, j in chosen)
+
+
+def find_clusters(modes: ModeSet) -> list[list[int]]:
+    """Rigid-body modes, and runs of modes whose neighbours lie within ``CLUSTER_GAP`` of each other."""
+    clusters = [list(range(modes.rigid_count))] if modes.rigid_count else []
+    for index in range(modes.rigid_count, len(modes.frequencies_hz)):
+        hz = float(modes.frequencies_hz[index])
+        if index > modes.rigid_count and hz - float(modes.frequencies_hz[index - 1]) <= CLUSTER_GAP * hz:
+            clusters[-1].append(index)
+        else:
+            clusters.append([index])
+    return clusters
+
+
+def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
+    """Square of the smallest cosine between the spaces that two clusters span, for every mode of them."""
+    result = np.zeros((first.field.shape[1], second.field.shape[1]))
+    bases = [
+        [(members, np.linalg.qr(_unit_columns(modes.field[:, members]))[0]) for members in find_clusters(modes)]
+        for modes in (first, second)
+    ]
+    for mine, basis in bases[0]:
+        for others, other_basis in bases[1]:
+            if len(mine) > 1 or len(others) > 1:
+                cosines = np.linalg.svd(basis.T @ other_basis, compute_uv=False)
+                result[np.ix_(mine, others)] = float(cosines.min()) ** 2
+    return result
+
+
+def _unit_columns(field: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(field, axis=0)
+    return np.asarray(field / np.where(lengths > 0.0, lengths, 1.0))
+
+
+def _positive(frequencies_hz: FloatArray) -> FloatArray:
+    """Frequencies for ratios: rigid-body modes have none."""
+    return np.maximum(frequencies_hz, 1e-3 * max(float(frequencies_hz.max()), 1e-300))

@@ -1,0 +1,141 @@
+"""``headstock compare`` prints one table, writes its files, and refuses what it cannot do before it begins."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from headstock.app.command_line import main
+
+SCENE = """
+name = "A bar on springs"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bar]
+solid = { box = ["40 mm", "60 mm", "500 mm"] }
+material = "steel"
+fidelity = "segmented"
+[components.bar.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.mount]
+between = ["ground", "bar.foot"]
+kind = "mount"
+stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "1 kN m/mrad", torsion = "4 kN m/mrad" }
+[points]
+tcp = { tool = "bar.tip", work = "ground" }
+[poses.home]
+[variants.R]
+"components.bar.fidelity" = "rigid"
+[variants.thick]
+"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 6
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path = tmp_path / "bar.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, copy = tmp_path / "out", tmp_path / "copy.json"
+    assert main(["compare", str(scene), "-o", str(out), "--json", str(copy)]) == 0
+    printed = capsys.readouterr().out
+    for text in (
+        "as written",
+        "R",
+        "thick",
+        "MAC 1.00",
+        "dx/Fx",
+        "weak link z",
+        "mount",
+        "dofs solved for",
+        "seconds from scene",
+        "–",
+    ):
+        assert text in printed, text
+    summary = json.loads((out / "compare.json").read_text())
+    assert json.loads(copy.read_text()) == summary
+    assert set(summary) == {"scene", "pose", "reference", "same_from", "modes", "variants"}
+    # every frequency of the reference is printed as the file has it
+    for row in summary["modes"]:
+        cell = row["variants"]["as written"]
+        if cell is not None:
+            assert f"{cell['frequency_hz']:#.4g}".rstrip(".")[:4] in printed
+    assert {path.name for path in out.iterdir()} >= {
+        "compare.html", "compare.json", "modes.csv", "compliances.csv", "variants.csv", "frequencies.png", "compliances.png",
+    }  # fmt: skip
+
+
+def test_csv_and_page_hold_the_unrounded_numbers_of_the_json(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "R,as written"]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    with (out / "modes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(summary["modes"])
+    page = (out / "compare.html").read_text()
+    for row, wanted in zip(rows, summary["modes"], strict=True):
+        cell = wanted["variants"]["R"]
+        assert row["R [Hz]"] == ("" if cell is None else repr(cell["frequency_hz"]))
+        assert cell is None or f'value="{cell["frequency_hz"]!r}"' in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+
+
+def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["compare", str(scene), "-o", str(out), "--variants", "as written", "--fidelity", "rigid,segmented"]
+    assert main([*arguments, "--effort", "--change", "thick"]) == 0
+    assert "Effort from scene to modes, from an empty store, then with thick" in capsys.readouterr().out
+    effort = json.loads((out / "compare.json").read_text())["effort"]
+    assert effort["change"] == ["thick"] and list(effort["variants"]) == ["as written rigid", "as written segmented"]
+    for runs in effort["variants"].values():
+        assert list(runs) == ["first", "changed"]
+        assert runs["first"]["seconds"]["total"] == pytest.approx(sum(list(runs["first"]["seconds"].values())[:-1]), abs=1e-3)
+    assert not (tmp_path / "store").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--variants", "Q"), "unknown variant 'Q'"),
+        (("--fidelity", "stiff"), "there is no fidelity 'stiff'"),
+        (("--pose", "away"), "there is no pose 'away'"),
+        (("--reference", "Q"), "there is no variant 'Q'"),
+        (("--effort", "--change", "components.bar.mass=heavy"), "heavy"),
+        (
+            ("--set", "components.bar.segments.along=x", "--set", 'components.bar.solid={tube={outer="1 m",length="2 m"}}'),
+            "along z only",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_ends_with_2_and_writes_nothing(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+) -> None:
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene.write_text(SCENE.replace('torsion = "4 kN m/mrad"', 'torsion = "0 N m/rad"'))
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out"), "--variants", "R"]) == 1
+    printed = capsys.readouterr().out
+    assert "failed: R: static analysis" in printed and "Natural frequencies" in printed
