@@ -20,6 +20,7 @@ from headstock.app.running import require_ranks
 from headstock.geometry.components import Fidelity
 from headstock.pipeline.comparison import compare_variants
 from headstock.pipeline.comparison_summary import summarise_comparison, summarise_effort
+from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.results import Json, dump_json
@@ -85,6 +86,8 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
         )
     for choice in choices:
         scene = load_scene(request.scene, variant=choice.variant, overrides=choice.overrides)
+        if is_lumped(scene):
+            raise click.UsageError(f"{request.scene} describes a lumped mechanism; compare takes machines of components and joints")
         if request.pose is not None and request.pose not in scene.poses:
             raise click.UsageError(f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}")
         if request.change:

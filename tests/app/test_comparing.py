@@ -139,3 +139,9 @@ def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
     assert main(["compare", str(scene), "-o", str(tmp_path / "out"), "--variants", "R"]) == 1
     printed = capsys.readouterr().out
     assert "failed: R: static analysis" in printed and "Natural frequencies" in printed
+
+
+def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = Path(__file__).parents[2] / "machines" / "tripteor.toml"
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out")]) == 2
+    assert "lumped mechanism" in capsys.readouterr().err
