@@ -56,7 +56,7 @@ NOTES = {
     "Interface.patches": "several areas as one interface: `[{ face = \"face:10\" }, { face = \"face:11\" }]`",
     "Interface.rail": "carriages hold on to it at any place along an axis, see [guideways](guideways.md)",
     "Rail.along": "axis of the component it runs along",
-    "Rail.stations": "control points of the spline its motion is fitted by, 4 dofs each; two intervals per length of the shortest "
+    "Rail.stations": "control points of the spline its motion is fitted by, 4 dofs each; 2.5 intervals per length of the shortest "
     "carriage unless given",
     "Mesh.size": "target element size; from the solid's shape unless given",
     "Mesh.order": "1 locks in bending and is refused or warned of",

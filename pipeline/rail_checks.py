@@ -1,7 +1,5 @@
 """Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
 
-import math
-
 from headstock.geometry.carriages import Carriage, place_carriages
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine, Pose
@@ -13,18 +11,17 @@ from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import InterfaceTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.toml_positions import KeyPath
+from headstock.reduction.rails import LEAST_INTERVALS, count_stations
 
-SPLINE_EXTRA = 3  # a cubic spline of n stations has n - 3 intervals
-DEFAULT_INTERVALS = 2.0  # station intervals per carriage length
-LEAST_INTERVALS = 1.0
+DEFAULT_INTERVALS = 2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
 SLACK = 1e-9
 
 Ends = dict[tuple[str, str], list[str]]
 
 
 def default_stations(span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS) -> int:
-    """Stations of a rail for a carriage of a length: as many intervals per length, at least one."""
-    return max(math.ceil(intervals * (span[1] - span[0]) / length - SLACK), 1) + SPLINE_EXTRA
+    """Stations of a rail for a carriage of a length [m]."""
+    return count_stations(span[1] - span[0], length, intervals)
 
 
 def carriage_joints(scene: SceneTable) -> Ends:

@@ -212,9 +212,9 @@ def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
     rails, first = {}, 6 * len(basis.nodes)
     for fit in basis.rails:
         count = STATION_DOFS * len(fit.points)
-        rails[fit.name] = Rail(
-            fit.axis, fit.center, float(fit.knots[0]), float(fit.knots[-1]), fit.knots, np.eye(count, size, first)
-        )
+        low, high = float(fit.knots[0]), float(fit.knots[-1])
+        blur = float(np.diff(fit.knots).max())
+        rails[fit.name] = Rail(fit.axis, fit.center, low, high, fit.knots, np.eye(count, size, first), blur)
         first += count
     return rails
 

@@ -1,5 +1,6 @@
 """Rails: the motion of a strip as a cubic spline, and what a carriage anywhere on it sees of that motion."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from headstock.solvers.errors import ModelError
 DEGREE = 3
 STATION_DOFS = 4
 OVERHANG_TOLERANCE = 1e-9
+LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,8 @@ class Rail:
         high: Where it ends [m].
         knots: ``(N + degree + 1,)`` of the B-splines along the axis [m]; clamped, from the beginning to the end or beyond them.
         control: ``(4 N, n)`` control values per superelement dof, component axes.
+        blur: What a carriage sees is averaged over places so far apart [m]: the distance of the stations where they have dofs of
+            their own, zero where they follow from others.
     """
 
     axis: int
@@ -47,6 +52,7 @@ class Rail:
     high: float
     knots: FloatArray
     control: FloatArray
+    blur: float = 0.0
 
 
 def lay_out_rail(component: Component, interface: Interface, centroid: FloatArray) -> Rail:
@@ -80,6 +86,11 @@ def place_knots(low: float, high: float, stations: int) -> FloatArray:
     return np.concatenate([np.full(DEGREE, low), inner, np.full(DEGREE, high)])
 
 
+def count_stations(span: float, length: float, intervals: float) -> int:
+    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs."""
+    return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE
+
+
 def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
     """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is linear takes their values.
 
@@ -110,28 +121,43 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
         length: Length of the carriage [m].
 
     Raises:
-        ModelError: The carriage is longer than the rail or hangs over one of its ends.
+        ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too short for the stations.
     """
     place = _check_place(rail, place, length)
-    mean, slope = _carriage_weights(rail.knots, place, length)
-    control = rail.control.reshape(len(mean), STATION_DOFS, -1)
+    points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
+    degree = _degree(rail.knots)
+    splines = BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(points)
+    control = rail.control.reshape(splines.shape[1], STATION_DOFS, -1)
+    means = np.tensordot(mean @ splines, control, axes=1)
     rows = np.zeros((6, control.shape[2]))
-    rows[:3] = np.einsum("k,kjn->jn", mean, control[:, :3])
-    rows[3:] = skew(np.eye(3)[rail.axis]) @ np.einsum("k,kjn->jn", slope, control[:, :3])
-    rows[3 + rail.axis] = mean @ control[:, 3]
+    rows[3:] = skew(np.eye(3)[rail.axis]) @ np.tensordot(slope @ splines, control[:, :3], axes=1)
+    rows[:3], rows[3 + rail.axis] = means[:3], means[3]
     return rows
 
 
-def _carriage_weights(knots: FloatArray, place: float, length: float) -> tuple[FloatArray, FloatArray]:
-    """Mean of each B-spline over a carriage ``(N,)`` [-], and its part in the slope of the best straight line ``(N,)`` [1/m]."""
-    degree, half = _degree(knots), 0.5 * length
-    once = BSpline(knots, np.eye(len(knots) - degree - 1), degree).antiderivative()
-    ends = np.array([place - half, place + half])
-    first, last = once(ends)
-    twice_first, twice_last = once.antiderivative()(ends)
-    # by parts: the integral of (x - place) B over the carriage
-    moment = half * (last + first) - (twice_last - twice_first)
-    return np.asarray((last - first) / length), np.asarray(12.0 * moment / length**3)
+def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points ``(q,)`` along the rail [m], and per value there its part in the mean ``(q,)`` [-] and in the slope ``(q,)`` [1/m].
+
+    An even weight over the carriage, averaged over all places within half a blur of its own: its spectrum is zero where the stations
+    would be heard. Its lengths are such that the mean of parabolas and the slope of cubics are those over the carriage itself.
+    Gauss rules between knots and edges are exact.
+    """
+    flat, tilted = 0.5 * np.sqrt(length**2 - blur**2), 0.5 * np.sqrt(length**2 - 5.0 / 3.0 * blur**2)
+    edges = place + np.array(
+        [sign * half + side for sign in (-1, 1) for half in (flat, tilted) for side in (-0.5 * blur, 0.5 * blur)]
+    )
+    inner = knots[(knots > edges.min()) & (knots < edges.max())]
+    breaks = np.unique(np.concatenate([edges, inner]))
+    middle, half = 0.5 * (breaks[1:] + breaks[:-1]), 0.5 * np.diff(breaks)
+    points: FloatArray = (middle[:, None] + half[:, None] * _GAUSS_NODES).ravel()
+    parts: FloatArray = (half[:, None] * _GAUSS_WEIGHTS).ravel()
+    arms = points - place
+    if blur == 0.0:
+        return points, parts / length, parts * arms * (12.0 / length**3)
+    after, before = arms + 0.5 * blur, arms - 0.5 * blur
+    mean = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
+    slope = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
+    return points, np.asarray(parts * mean), np.asarray(parts * slope)
 
 
 def _check_place(rail: Rail, place: float, length: float) -> float:
@@ -140,6 +166,12 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
         raise ModelError(
             f"a carriage of {_mm(length)} does not fit on a rail of {_mm(rail.high - rail.low)}; make the rail longer or the "
             "carriage shorter"
+        )
+    if length < LEAST_INTERVALS * rail.blur * (1.0 - OVERHANG_TOLERANCE):
+        least = count_stations(rail.high - rail.low, length, LEAST_INTERVALS)
+        raise ModelError(
+            f"{len(rail.control) // STATION_DOFS} stations are too few for a carriage of {_mm(length)} on a rail of "
+            f"{_mm(rail.high - rail.low)}: it would feel them pass; take at least {least}"
         )
     over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)
     if over > slack:

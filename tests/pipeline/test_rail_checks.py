@@ -65,8 +65,8 @@ def load(folder: Path, *changes: tuple[str, str]):
 def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carriage(tmp_path):
     machine = load(tmp_path).machine
     rail = machine.components["bed"].interfaces["rail"]
-    # two intervals per 60 mm on 600 mm, and the three more that a cubic takes
-    assert rail.rail is not None and (rail.rail.along, rail.rail.stations, rail.coupling) == ("x", 23, "average")
+    # 2.5 intervals per 60 mm on 600 mm, and the three more that a cubic takes
+    assert rail.rail is not None and (rail.rail.along, rail.rail.stations, rail.coupling) == ("x", 28, "average")
     assert machine.joints["guide"].length == pytest.approx(0.06) and machine.joints["screw"].length is None
 
 
@@ -79,7 +79,7 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         ('length = "60 mm"\n', "", "joints.guide", 'needs its length; write length = "80 mm"'),
         (
             'rail = { along = "x" }', 'rail = { along = "x", stations = 12 }', "components.bed.interfaces.rail.rail.stations",
-            "12 stations on 600 mm are too few for a carriage of 60 mm, which would feel them pass; write at least 13, better 23",
+            "12 stations on 600 mm are too few for a carriage of 60 mm, which would feel them pass; write at least 18, better 28",
         ),
         ('rail = { along = "x" }', 'rail = { along = "x", stations = 3 }', "components.bed.interfaces.rail.rail.stations", "4"),
         ('rail = { along = "x" }', 'rail = { along = "z" }', "components.bed.interfaces.rail.rail", "face z+ is square to z"),
