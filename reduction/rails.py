@@ -142,7 +142,7 @@ def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float)
     would be heard. Its lengths are such that the mean of parabolas and the slope of cubics are those over the carriage itself.
     Gauss rules between knots and edges are exact.
     """
-    flat, tilted = 0.5 * np.sqrt(length**2 - blur**2), 0.5 * np.sqrt(length**2 - 5.0 / 3.0 * blur**2)
+    flat, tilted = 0.5 * math.sqrt(length**2 - blur**2), 0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2)
     edges = place + np.array(
         [sign * half + side for sign in (-1, 1) for half in (flat, tilted) for side in (-0.5 * blur, 0.5 * blur)]
     )
@@ -155,9 +155,9 @@ def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float)
     if blur == 0.0:
         return points, parts / length, parts * arms * (12.0 / length**3)
     after, before = arms + 0.5 * blur, arms - 0.5 * blur
-    mean = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
-    slope = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
-    return points, np.asarray(parts * mean), np.asarray(parts * slope)
+    mean: FloatArray = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
+    slope: FloatArray = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
+    return points, parts * mean, parts * slope
 
 
 def _check_place(rail: Rail, place: float, length: float) -> float:
