@@ -35,6 +35,14 @@ Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="
 Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
 
 
+def _list_campaigns() -> list[str]:
+    return ["kill", "disk", "fuzz", "files"]
+
+
+def _list_shells() -> list[str]:
+    return ["bash", "zsh", "fish"]
+
+
 @app.command()
 def check(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
     """Check a scene: every problem at once, nothing computed."""
@@ -319,7 +327,7 @@ def schema(
 
 @app.command()
 def campaign(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz or files.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz or files.", autocompletion=_list_campaigns)],
     runs: Annotated[int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500].")] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 1,
     json: JsonFile = None,
@@ -333,6 +341,17 @@ def campaign(
         return run_campaign(name, runs, seed, json)
 
     return run_guarded(action, debug=debug)
+
+
+@app.command()
+def completion(shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)]) -> int:
+    """Print a script that completes commands with the Tab key: source <(./headstock completion bash)."""
+    from headstock.app.shell_completion import SCRIPTS
+
+    if shell not in SCRIPTS:
+        raise click.UsageError(f"no completion for {shell!r}; there is one for: {', '.join(SCRIPTS)}")
+    typer.echo(SCRIPTS[shell], nl=False)
+    return 0
 
 
 @app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})

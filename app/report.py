@@ -14,7 +14,7 @@ from headstock.app.console import sort_shares
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_notes import judge_numbers
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
-from headstock.app.viewer_data import encode_machine
+from headstock.app.viewer_data import EncodedMachine, encode_machine
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
@@ -70,7 +70,8 @@ def render_report(
             s=summary,
             static=static,
             keys=_key_figures(summary, static),
-            machine=None if machine is None else Markup(machine),
+            machine=None if machine is None else Markup(machine.text),
+            omissions=_omissions(machine),
             stills={pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()},
             poses=list(view.poses),
             colors=colors,
@@ -133,6 +134,19 @@ def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
     for modes in summary["modal"][:1]:
         named = list(zip(modes["frequencies_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
         found["first"] = next(((hz, name) for hz, name in named if "rigid body" not in name), None)
+    return found
+
+
+def _omissions(machine: EncodedMachine | None) -> list[str]:
+    """What the machine view leaves out so that the page stays small enough to mail."""
+    found = []
+    if machine is not None and machine.left_out:
+        found.append(
+            "To keep this page small only the first shapes of each pose move in it; modes/ beside it holds every mode, for"
+            " ParaView (.vtu) and for 3D viewers (.glb)."
+        )
+    if machine is not None and machine.coarser:
+        found.append(f"Drawn more coarsely than computed, to keep this page small: {', '.join(machine.coarser)}.")
     return found
 
 

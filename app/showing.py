@@ -12,10 +12,10 @@ from headstock.app.numbered_pictures import LabelledSurface, draw_numbered
 from headstock.geometry.cad_faces import CadFace, Vector, find_holes, name_faces
 from headstock.geometry.components import Component
 from headstock.geometry.interface_suggestions import SuggestedInterface, suggest_interfaces
-from headstock.geometry.skins import Skin, sharp_edges
-from headstock.geometry.solid_skins import solid_skin
+from headstock.geometry.skins import Skin
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
+from headstock.meshing.mesh_skins import unmeshed_skin
 from headstock.pipeline.result_files import write_output
 from headstock.pipeline.results import dump_json
 from headstock.pipeline.scene import Scene
@@ -147,7 +147,7 @@ def _show_scene(scene: Scene, request: ShowRequest) -> int:
     table = make_table("component", "fidelity", "solid", ">size mm", "interfaces")
     skins: dict[str, Skin] = {}
     for name, component in scene.machine.components.items():
-        skin = _component_skin(component)
+        skin = unmeshed_skin(component.solid)
         size = "" if skin is None else _in_mm(tuple(np.ptp(skin.points, axis=0)))
         add_row(table, name, component.fidelity, _describe_solid(component), size, ", ".join(component.interfaces))
         if skin is not None:
@@ -158,13 +158,6 @@ def _show_scene(scene: Scene, request: ShowRequest) -> int:
         return 0
     _write_picture(_join_components(scene, skins), request.picture or Path(f"{scene.path.stem}_machine.png"))
     return 0
-
-
-def _component_skin(component: Component) -> Skin | None:
-    if isinstance(component.solid, StepFile):
-        survey = survey_step(component.solid)
-        return Skin(survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid")
-    return solid_skin(component.solid)
 
 
 def _describe_solid(component: Component) -> str:

@@ -31,6 +31,8 @@ select_environment() {
         if probe_pythons; then root=; return; fi
         suggest_apt /etc/os-release
     fi
+    # a shell that completes a command is no reason to build for minutes
+    [ -z "${_HEADSTOCK_COMPLETE:-}" ] || exit 0
     if [ -n "$dry_run" ]; then say "would build $root"; else build_root; fi
 }
 

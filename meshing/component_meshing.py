@@ -64,7 +64,7 @@ def mesh_component(
     solid = component.solid
     what = f"component {component.name!r}"
     if isinstance(solid, MeshFile):
-        data = _read_file(solid, what, time_limit)
+        data = read_mesh_file(solid, what, time_limit)
         return finish_mesh(data, component, groups)
     if not isinstance(solid, StepFile | SuperelementFile):
         count, size = _planned_cells(component), element_size(component)
@@ -97,7 +97,7 @@ def describe_component(component: Component) -> SolidProperties:
     what = f"component {component.name!r}"
     _check_solid(component)
     if isinstance(solid, MeshFile):
-        mesh = finish_mesh(_read_file(solid, what, DESCRIBE_TIME_LIMIT), component, groups)
+        mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
         volume, center, inertia = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
         return SolidProperties(volume, center, inertia, *patch_moments(mesh.points, mesh.patches))
     properties = closed_form_properties(component)
@@ -117,7 +117,7 @@ def estimate_cells(component: Component) -> int:
     if isinstance(solid, SuperelementFile):
         return 0
     if isinstance(solid, MeshFile):
-        return len(_read_file(solid, f"component {component.name!r}", DESCRIBE_TIME_LIMIT).cells)
+        return len(read_mesh_file(solid, f"component {component.name!r}").cells)
     if isinstance(solid, StepFile):
         return run_shape_job(component, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
     return _planned_cells(component)
@@ -216,7 +216,12 @@ def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
         raise MeshError(f"{what}: {error}") from error
 
 
-def _read_file(solid: MeshFile, what: str, time_limit: float) -> MeshData:
+def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME_LIMIT) -> MeshData:
+    """Read a mesh file in a child process, in metres.
+
+    Raises:
+        MeshError: It cannot be read.
+    """
     data = run_job(MeshJob("file", {"path": str(solid.path)}), what=what, time_limit=time_limit)
     return dataclasses.replace(data, points=data.points * solid.unit)
 

@@ -1,10 +1,18 @@
-"""The visible surface of a component's mesh, fine enough for pictures and small enough to mail."""
+"""The visible surface of a component: of its mesh, or of the CAD or mesh file of one that is not meshed."""
+
+import dataclasses
+from typing import cast
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.skin_merging import merge_skin
 from headstock.geometry.skins import Skin, sharp_edges
-from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.geometry.solid_skins import solid_skin
+from headstock.geometry.solids import MeshFile, Solid, StepFile
+from headstock.meshing.cad_survey import survey_step
+from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
+from headstock.meshing.component_meshing import read_mesh_file
 from headstock.meshing.element_topology import cell_order
 from headstock.meshing.mesh_surface import MeshSurface, extract_surface
 
@@ -20,34 +28,38 @@ SPLIT = {
 
 def mesh_skin(mesh: ComponentMesh) -> Skin:
     """Boundary triangles of a mesh; those of very fine meshes are merged on a grid."""
-    surface = extract_surface(mesh.cells, mesh.kind)
-    triangles = _triangles(surface, split=cell_order(mesh.kind) == 2 and len(surface.facets) <= SPLIT_BELOW)
-    if len(triangles) > LARGEST_SKIN:
-        triangles = _merge_points(mesh.points, triangles)
+    return _boundary_skin(mesh.points, mesh.cells, mesh.kind)
+
+
+def unmeshed_skin(solid: Solid) -> Skin | None:
+    """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the boundary of a mesh file.
+
+    Returns:
+        None for an imported superelement, which has no shape.
+
+    Raises:
+        MeshError: The file cannot be read.
+    """
+    if isinstance(solid, StepFile):
+        survey = survey_step(solid)
+        drawn = Skin(survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid")
+        return merge_skin(drawn, largest=LARGEST_SKIN)[0]
+    if isinstance(solid, MeshFile):
+        data = read_mesh_file(solid, solid.path.name)
+        drawn = _boundary_skin(data.points, data.cells, cast(CellKind, data.kind))
+        return dataclasses.replace(drawn, source="solid", nodes=None)
+    return solid_skin(solid)
+
+
+def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> Skin:
+    surface = extract_surface(cells, kind)
+    triangles = _triangles(surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW)
     nodes, flat = np.unique(triangles, return_inverse=True)
-    points, triangles = mesh.points[nodes], flat.reshape(-1, 3)
-    return Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)
+    points, triangles = all_points[nodes], flat.reshape(-1, 3)
+    skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)
+    return merge_skin(skin, largest=LARGEST_SKIN)[0]
 
 
 def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:
     local = np.array((SPLIT if split else WHOLE)[surface.corners])
     return np.asarray(surface.facets[:, local].reshape(-1, 3))
-
-
-def _merge_points(points: FloatArray, triangles: IntArray) -> IntArray:
-    """Triangles between one mesh point per cell of a grid (Rossignac and Borrel 1993), the finest that is small enough."""
-    used = np.unique(triangles)
-    low, extent = points[used].min(axis=0), float(np.ptp(points[used], axis=0).max())
-    kept = triangles
-    cells = 256.0
-    while len(kept) > LARGEST_SKIN:
-        grid = np.floor((points[used] - low) * (cells / extent)).astype(np.int64)
-        _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-        place = np.zeros(len(points), dtype=np.int64)
-        place[used] = used[first][inverse.ravel()]
-        merged = place[triangles]
-        whole = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
-        _, unique = np.unique(np.sort(merged[whole], axis=1), axis=0, return_index=True)
-        kept = merged[whole][np.sort(unique)]
-        cells *= 0.8
-    return kept

@@ -7,11 +7,13 @@ from typing import cast
 import numpy as np
 
 from headstock.geometry.components import Component
-from headstock.geometry.solids import SuperelementFile
+from headstock.geometry.skins import Skin
+from headstock.geometry.solids import MeshFile, StepFile, SuperelementFile
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.component_meshing import describe_component, mesh_component
-from headstock.meshing.mesh_skins import mesh_skin
-from headstock.pipeline.content_keys import mesh_key, superelement_key
+from headstock.meshing.errors import MeshError
+from headstock.meshing.mesh_skins import mesh_skin, unmeshed_skin
+from headstock.pipeline.content_keys import mesh_key, skin_key, superelement_key
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState, component_loads, component_supports
 from headstock.pipeline.stages import Stage
@@ -69,7 +71,7 @@ def run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = reduce_rigid(component, describe_component(component), component_loads(state, component))
-        state.reduced[component.name] = ReducedComponent(superelement)
+        state.reduced[component.name] = ReducedComponent(superelement, skin=_file_skin(state, component))
         return Outcome(detail=f"{superelement.mass_kg:.4g} kg")
     return Outcome()
 
@@ -122,6 +124,25 @@ def _reduced_key(state: RunState, component: Component) -> str:
         with_modes=state.plan.with_modes,
         with_gravity=state.plan.gravity is not None,
     )
+
+
+def _file_skin(state: RunState, component: Component) -> Skin | None:
+    """What is drawn of a body that is not meshed and whose shape only a file knows."""
+    if not isinstance(component.solid, StepFile | MeshFile):
+        return None
+    key = skin_key(component)
+    read = read_entry(state.store, key, Skin)
+    state.warn(read.warning)
+    if read.value is not None:
+        return read.value
+    try:
+        skin = unmeshed_skin(component.solid)
+    except MeshError as error:
+        # no number depends on it
+        state.warn(f"component {component.name!r} is drawn as a block of equal inertia: {error}")
+        return None
+    state.warn(write_entry(state.store, key, skin))
+    return skin
 
 
 def _load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:

@@ -38,6 +38,17 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
     )
 
 
+def skin_key(component: Component) -> str:
+    """Key of what is drawn of a solid from a file."""
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in (headstock.geometry, headstock.meshing)],
+            "libraries": library_versions(MESH_LIBRARIES),
+            "skin of": _solid_content(component),
+        }
+    )
+
+
 def superelement_key(
     component: Component, supports: Sequence[Support], loads: Sequence[Load], *, with_modes: bool, with_gravity: bool
 ) -> str:

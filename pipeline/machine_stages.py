@@ -13,7 +13,6 @@ from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
 from headstock.reduction.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.dof_layout import turn_dofs
 from headstock.reduction.free_motions import find_free_motions, solve_machine_static
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
@@ -87,7 +86,6 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
             energy_share=named.strain_shares,
             kinetic_share=named.kinetic_shares,
             shapes=stacked,
-            displacements=_recover_displacements(state, coupled, stacked),
             placements=dict(coupled.placements),
         )
     )
@@ -143,17 +141,6 @@ def _free_motion_warning(state: RunState, coupled: CoupledMachine, rigid_count: 
     return (
         f"{len(motions)} rigid motion(s) meet no stiffness and have no frequency: {'; '.join(str(motion) for motion in unexpected)}"
     )
-
-
-def _recover_displacements(state: RunState, coupled: CoupledMachine, stacked: FloatArray) -> dict[str, FloatArray]:
-    """Component to ``(m, n_points, 3)`` displacement of its mesh points in its own axes [m / sqrt(kg)]."""
-    found: dict[str, FloatArray] = {}
-    for name, reduced in state.reduced.items():
-        recovery = reduced.superelement.recovery
-        if recovery is not None:
-            own = turn_dofs(reduced.superelement, coupled.placements[name]) @ stacked[coupled.offsets[name]]
-            found[name] = (recovery @ own).T.reshape(stacked.shape[1], -1, 3)
-    return found
 
 
 def _coupled(state: RunState) -> CoupledMachine:

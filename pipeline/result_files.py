@@ -119,8 +119,6 @@ def _fill(file: h5py.File, results: Results) -> None:
             group["displacement"] = check_finite(f"static displacement at {name}", point.displacement)
     for name, stiffness in results.joint_springs.items():
         file[f"joints/{name}/stiffness"] = stiffness
-    for name, points in results.points.items():
-        file[f"components/{name}/points"] = points
     if results.labels:
         file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
     write_record(file.create_group("view", track_order=True), results.view)
@@ -141,9 +139,6 @@ def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
     for name, frame in modes.placements.items():
         group[f"placements/{name}/origin"] = frame.origin
         group[f"placements/{name}/rotation"] = frame.rotation
-    for name, displacement in modes.displacements.items():
-        # single precision is plenty for pictures and halves the file
-        group[f"displacements/{name}"] = displacement.astype(np.float32)
 
 
 def read_summary(folder: Path) -> Json:

@@ -93,7 +93,6 @@ class PoseModes:
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
         shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
-        displacements: Component to ``(m, n_points, 3)`` displacement of its mesh points in its own axes.
         placements: Frame of each component in the machine in this pose.
     """
 
@@ -106,7 +105,6 @@ class PoseModes:
     energy_share: tuple[dict[str, float], ...]
     kinetic_share: tuple[dict[str, float], ...]
     shapes: FloatArray
-    displacements: dict[str, FloatArray] = field(default_factory=dict)
     damped_hz: tuple[float | None, ...] = ()
     placements: dict[str, Frame] = field(default_factory=dict)
 
@@ -133,7 +131,6 @@ class Results:
         responses: Frequency responses, one per pose.
         probes: Pose name to probe name to response.
         joint_springs: Joint name to ``(6, 6)`` stiffness in its joint frame [N/m, N m/rad].
-        points: Component to ``(n_points, 3)`` mesh points behind the displacements, component frame [m].
         labels: A name for each row of the mode shapes.
         warnings: In plain words.
         failures: Analyses that were refused, with the reason; the others were still computed.
@@ -149,7 +146,6 @@ class Results:
     static: dict[str, dict[str, PointCompliance]]
     modal: tuple[PoseModes, ...]
     joint_springs: dict[str, FloatArray]
-    points: dict[str, FloatArray] = field(default_factory=dict)
     labels: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()

@@ -115,7 +115,6 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         mechanism=state.mechanism,
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
-        points={name: item.recovery_points for name, item in superelements.items() if item.recovery_points is not None},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),
         warnings=tuple(state.warnings),
         failures=tuple(state.failures),

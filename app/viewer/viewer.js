@@ -50,10 +50,29 @@ function readComponents(data, read) {
   });
 }
 
+// pose by pose a map from the id of a shape to a displacement per body: typed numbers, or six for one that moves rigidly
 function readShapes(data, components, read) {
   const Type = data.bytes === 2 ? Int16Array : Int8Array;
   return data.poses.map((pose) =>
-    new Map(pose.shapes.map((id) => [id, components.map((c) => read(Type, 3 * c.points))])));
+    new Map(pose.shapes.map(({ id, rigid }) => [id, components.map((c, i) => rigid[i] ?? read(Type, 3 * c.points))])));
+}
+
+// a rigid fit may pass the largest displacement by a little
+const FULL = 32600;
+
+// displacement a + r x p in machine axes of every point p of a body, as 16-bit shares of the largest one
+function moveRigidly([ax, ay, az, rx, ry, rz], f, position) {
+  const moved = new Int16Array(position.length);
+  for (let k = 0; k < position.length; k += 3) {
+    const [u, v, w] = [position[k], position[k + 1], position[k + 2]];
+    const x = f[0] + f[3] * u + f[4] * v + f[5] * w;
+    const y = f[1] + f[6] * u + f[7] * v + f[8] * w;
+    const z = f[2] + f[9] * u + f[10] * v + f[11] * w;
+    moved[k] = FULL * (ax + ry * z - rz * y);
+    moved[k + 1] = FULL * (ay + rz * x - rx * z);
+    moved[k + 2] = FULL * (az + rx * y - ry * x);
+  }
+  return moved;
 }
 
 const ramp = `
@@ -188,9 +207,17 @@ class Viewer {
     this.marks.visible = byId("show-joints").checked && this.shape === null;
   }
 
+  partsOf(pose, id) {
+    const parts = this.shapes[pose].get(id);
+    parts.forEach((part, i) => {
+      if (Array.isArray(part)) parts[i] = moveRigidly(part, this.data.poses[pose].frames[i], this.components[i].position);
+    });
+    return parts;
+  }
+
   showShape(id) {
     this.shape = id;
-    const parts = id === null ? null : this.shapes[this.pose].get(id);
+    const parts = id === null ? null : this.partsOf(this.pose, id);
     this.bodies.forEach((body, i) => {
       const shift = parts ? new BufferAttribute(parts[i], 3, true) : body.rest;
       body.face.setAttribute("shift", shift);
@@ -400,7 +427,7 @@ function wireParts(viewer) {
     box.checked = true;
     const dot = make("span", "dot");
     dot.style.background = body.component.color;
-    const about = make("small", "", { mesh: "meshed", solid: "rigid", inertia: "drawn as a block of equal inertia" }[body.component.source] || "");
+    const about = make("small", "", { mesh: "meshed", solid: "not meshed", inertia: "drawn as a block of equal inertia" }[body.component.source] || "");
     row.append(box, dot, make("span", "", body.component.name), about);
     box.addEventListener("change", () => { body.visible = box.checked; body.group.visible = box.checked; viewer.dirty = true; });
     row.addEventListener("pointerenter", () => { body.mesh.material.emissive.set("#5a4a20"); viewer.dirty = true; });
@@ -426,7 +453,7 @@ function wireShapes(viewer) {
   };
   viewer.captions = new Map();
   viewer.data.poses.forEach((pose, number) => {
-    for (const about of pose.captions) viewer.captions.set(`${number} ${about.id}`, `${about.lead} · ${about.text}`);
+    for (const about of pose.shapes) viewer.captions.set(`${number} ${about.id}`, `${about.lead} · ${about.text}`);
   });
   const fill = (number) => {
     list.replaceChildren();
@@ -441,7 +468,7 @@ function wireShapes(viewer) {
       list.append(item);
     };
     add(null, "At rest", "joints and points");
-    for (const about of viewer.data.poses[number].captions) add(about.id, about.lead, about.text);
+    for (const about of viewer.data.poses[number].shapes) add(about.id, about.lead, about.text);
     if (viewer.thumbs) placeThumbs(viewer, number);
   };
   if (viewer.data.poses.length > 1) {

@@ -13,8 +13,9 @@ import pytest
 
 from headstock.app.command_line import main
 from headstock.app.report import format_number, render_report
-from headstock.app.viewer_data import encode_machine, pose_shapes, script_json
-from headstock.geometry.frames import Frame
+from headstock.app.viewer_data import MOST_TRIANGLES, RIGID_SHARE, encode_machine, pose_shapes, script_json
+from headstock.geometry.frames import Frame, rigid_map
+from headstock.geometry.skins import Skin
 from headstock.geometry.solid_skins import box_skin
 from headstock.pipeline.machine_views import JointView, MachineView, PointView, PoseView
 from headstock.pipeline.result_files import read_summary, read_view
@@ -232,21 +233,22 @@ def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> No
 
 def test_data_for_the_viewer_survives_hostile_names_unchanged() -> None:
     view = hostile_view()
-    text = encode_machine(view, {HOSTILE[0]: [("mode:0", HOSTILE[0], HOSTILE[4])]})
-    assert text is not None
-    assert not set("<>&\u2028\u2029") & set(text)
-    data = json.loads(text)
+    machine = encode_machine(view, {HOSTILE[0]: [("mode:0", HOSTILE[0], HOSTILE[4])]})
+    assert machine is not None
+    assert not set("<>&\u2028\u2029") & set(machine.text)
+    data = json.loads(machine.text)
     assert [part["name"] for part in data["components"]] == list(HOSTILE)
-    assert data["poses"][0]["captions"][0]["text"] == HOSTILE[4]
+    assert data["poses"][0]["shapes"][0]["text"] == HOSTILE[4]
     assert json.loads(script_json(list(HOSTILE))) == list(HOSTILE)
 
 
-def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_one_part_in_thirty_thousand(run_folder: Path) -> None:
+def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_is_seen(run_folder: Path) -> None:
     view = read_view(run_folder)
     name, pose = next(iter(view.poses.items()))
-    text = encode_machine(view, {name: [("push:tcp x", "", ""), ("mode:0", "", "")]})
-    assert text is not None
-    data = json.loads(text)
+    machine = encode_machine(view, {name: [("push:tcp x", "", ""), ("mode:0", "", ""), ("mode:8", "", "")]})
+    assert machine is not None
+    assert (machine.left_out, machine.coarser) == (0, ())
+    data = json.loads(machine.text)
     block = zlib.decompress(base64.b64decode(data["blob"]))
     start = 0
 
@@ -263,26 +265,76 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_one_pa
         np.testing.assert_array_equal(take("<u2", 2 * about["edges"]).reshape(-1, 2), skin.edges)
     assert data["bytes"] == 2
     for shape in data["poses"][0]["shapes"]:
-        parts = pose_shapes(pose)[shape]
+        parts = pose_shapes(pose)[shape["id"]]
         largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
-        for part in parts.values():
-            found = take("<i2", part.size).reshape(-1, 3)
-            np.testing.assert_allclose(found / 32767.0, part / largest, atol=1.0 / 30000.0)
+        for (part_name, part), rigid in zip(parts.items(), shape["rigid"], strict=True):
+            if rigid is None:
+                found = take("<i2", part.size).reshape(-1, 3)
+                np.testing.assert_allclose(found / 32767.0, part / largest, atol=1.0 / 30000.0)
+                continue
+            frame = pose.placements[part_name]
+            moved = rigid_map(view.skins[part_name].points @ frame.rotation.T + frame.origin, np.zeros(3)) @ rigid
+            np.testing.assert_allclose(moved.reshape(-1, 3), part / largest, atol=RIGID_SHARE)
     assert start == len(block)
+    fidelities = {name: facts["fidelity"] for name, facts in read_summary(run_folder)["components"].items()}
+    assert all(
+        rigid is not None
+        for shape in data["poses"][0]["shapes"]
+        for (name, rigid) in zip(view.skins, shape["rigid"], strict=True)
+        if fidelities[name] == "rigid"
+    )
+    assert any(rigid is None for shape in data["poses"][0]["shapes"] for rigid in shape["rigid"])
 
 
-def test_a_huge_machine_is_offered_with_fewer_and_coarser_shapes_so_that_the_page_can_be_mailed() -> None:
-    rng = np.random.default_rng(2)
-    points, count = 30_000, 100
-    skin = box_skin(np.zeros(3), np.ones(3))
-    skins = {"big": type(skin)(rng.random((points, 3)), skin.triangles, skin.edges, "mesh")}
-    shifts = {"big": np.broadcast_to(rng.random((1, points, 3)), (count, points, 3))}
-    view = MachineView(skins, {}, {"p": PoseView({"big": Frame()}, {}, {}, shifts)})
-    text = encode_machine(view, {"p": [(f"mode:{i}", "", "") for i in range(count)]})
-    assert text is not None
-    assert json.loads(text)["bytes"] == 1
-    assert 1 <= len(json.loads(text)["poses"][0]["shapes"]) < count
-    assert len(text) < 2.6e6
+def ball(count: int) -> Skin:
+    """A sphere of ``2 count^2`` triangles."""
+    u, v = np.meshgrid(np.linspace(0.0, 2 * np.pi, count, endpoint=False), np.linspace(1e-3, np.pi - 1e-3, count + 1))
+    points = np.column_stack([(np.cos(u) * np.sin(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(v).ravel()])
+    k = np.arange(count * count)
+    after = k - k % count + (k + 1) % count
+    triangles = np.vstack([np.column_stack([k, k + count, after]), np.column_stack([after, k + count, after + count])])
+    return Skin(points, triangles, np.zeros((0, 2), dtype=np.int64), "mesh")
+
+
+def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says_so(run_folder: Path) -> None:
+    skins = {f"big {number}": ball(200) for number in range(5)}
+    rng, count = np.random.default_rng(2), 40
+    shifts = {name: rng.random((count, len(skin.points), 3), dtype=np.float32) for name, skin in skins.items()}
+    poses = {name: PoseView(dict.fromkeys(skins, Frame()), {}, {}, shifts) for name in ("p", "q")}
+    view = MachineView(skins, {}, poses)
+    machine = encode_machine(view, {name: [(f"mode:{i}", "", "") for i in range(count)] for name in poses})
+    assert machine is not None
+    data = json.loads(machine.text)
+    shown = [len(pose["shapes"]) for pose in data["poses"]]
+    assert data["bytes"] == 1
+    assert 2 * count - machine.left_out == sum(shown) and min(shown) >= 1 and max(shown) - min(shown) <= 1
+    assert machine.left_out > 0
+    assert machine.coarser == tuple(skins)
+    assert sum(part["triangles"] for part in data["components"]) <= MOST_TRIANGLES
+    # a surface that was thinned out moves as the points that are left of it do
+    assert len(machine.text) < 2.9e6
+    modes = {"pose_name": "p", "frequencies_hz": [1.0] * count, "mode_names": ["m"] * count, "rigid_count": 0}
+    summary = read_summary(run_folder)
+    full = {
+        **summary["modal"][0],
+        **modes,
+        "error_hz": [None] * count,
+        "damping_ratio": [None] * count,
+        "energy_share": [{}] * count,
+    }
+    page = render_report({**summary, "modal": [full]}, view)
+    assert "To keep this page small" in page and "Drawn more coarsely than computed" in page
+
+
+def test_a_part_that_moves_rigidly_takes_six_numbers_however_fine_it_is() -> None:
+    skin, frame = ball(100), Frame(np.array([1.0, 2.0, 3.0]))
+    motion = np.array([0.1, -0.2, 0.3, 0.05, 0.02, -0.04])
+    shift = (rigid_map(skin.points + frame.origin, np.zeros(3)) @ motion).reshape(1, -1, 3)
+    view = MachineView({"part": skin}, {}, {"p": PoseView({"part": frame}, {}, {}, {"part": shift})})
+    machine = encode_machine(view, {"p": [("mode:0", "", "")]})
+    assert machine is not None
+    (rigid,) = json.loads(machine.text)["poses"][0]["shapes"][0]["rigid"]
+    np.testing.assert_allclose(rigid, motion / np.linalg.norm(shift[0], axis=1).max(), rtol=1e-6)
 
 
 def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder: Path) -> None:

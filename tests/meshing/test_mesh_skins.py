@@ -27,9 +27,13 @@ def test_second_order_facets_of_a_coarse_mesh_are_split_through_their_mid_nodes(
     assert len(coarse.triangles) == 4 * len(linear.triangles)
 
 
-def test_a_very_fine_skin_is_merged_until_it_is_small_and_still_spans_the_part(make_box, monkeypatch) -> None:
+def test_a_very_fine_skin_is_merged_until_it_is_small_and_keeps_its_corners_and_edges(make_box, monkeypatch) -> None:
     monkeypatch.setattr(mesh_skins, "LARGEST_SKIN", 400)
-    skin = mesh_skin(make_box((16, 16, 16), (1.0, 1.0, 1.0), kind="hex8"))
+    mesh = make_box((16, 16, 16), (1.0, 1.0, 1.0), kind="hex8")
+    skin = mesh_skin(mesh)
     assert 50 < len(skin.triangles) <= 400
-    np.testing.assert_allclose(np.ptp(skin.points, axis=0), 1.0, atol=0.2)
-    assert area(skin) == pytest.approx(6.0, rel=0.15)
+    np.testing.assert_array_equal(mesh.points[skin.nodes], skin.points)
+    np.testing.assert_array_equal(np.ptp(skin.points, axis=0), 1.0)
+    assert area(skin) == pytest.approx(6.0, rel=1e-2)
+    lengths = np.linalg.norm(np.diff(skin.points[skin.edges], axis=1)[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(12.0, rel=1e-12)

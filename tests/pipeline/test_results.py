@@ -30,7 +30,6 @@ MODES = PoseModes(
     energy_share=({"column": 1.0}, {"column": 0.9, "guide": 0.1}),
     kinetic_share=({"column": 1.0}, {"column": 1.0}),
     shapes=np.eye(6)[:, :2],
-    displacements={"column": np.zeros((2, 4, 3))},
     placements={"column": Frame()},
 )
 
@@ -45,7 +44,6 @@ def make_results() -> Results:
         static={"config_1": {"tcp": POINT}},
         modal=(MODES,),
         joint_springs={"guide": np.eye(6)},
-        points={"column": np.zeros((4, 3))},
         labels=("column.tip.x",),
         warnings=("linear elements lock",),
     )
@@ -112,13 +110,12 @@ def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_results_hold_shapes_displacements_compliances_and_joint_springs(tmp_path: Path) -> None:
+def test_results_hold_shapes_compliances_and_joint_springs(tmp_path: Path) -> None:
     write_all(tmp_path, make_results())
     with h5py.File(tmp_path / "results.h5") as file:
         np.testing.assert_array_equal(file["static/config_1/tcp/compliance"], COMPLIANCE)
         np.testing.assert_array_equal(file["modal/config_1/frequencies_hz"], MODES.frequencies_hz)
         np.testing.assert_array_equal(file["modal/config_1/shapes"], MODES.shapes)
-        assert file["modal/config_1/displacements/column"].shape == (2, 4, 3)
         assert file["modal/config_1/pose"].attrs["X"] == 0.01
         np.testing.assert_array_equal(file["joints/guide/stiffness"], np.eye(6))
         assert file["versions"].attrs["numpy"] == "2"
