@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from headstock.app.console import make_console
+from headstock.app.console import counted, make_console, print_remarks
 from headstock.pipeline.result_files import write_output
 from headstock.pipeline.results import dump_json
 from headstock.pipeline.scene_errors import SceneError
@@ -24,11 +24,10 @@ def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_
         raise
     machine = scene.machine
     console = make_console()
-    counts = {name: len(getattr(machine, name)) for name in ("components", "joints", "axes", "points")}
-    parts = ", ".join(f"{count} {name}" for name, count in counts.items())
-    console.print(f"{path}: ok: {scene.name}: {parts}")
-    for warning in scene.warnings:
-        console.print(f"warning: {warning}", style="yellow")
+    parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
+    parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
+    console.print(f"{path}: ok: {scene.name}: {', '.join(parts)}", markup=False)
+    print_remarks(scene.warnings)
     _write(json_file, path, [], scene.warnings)
     return 0
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import typer
 
-from headstock.app.guard import run_guarded
+from headstock.app.guard import PIPE_CLOSED, leave_closed_pipe, open_missing_streams, run_guarded
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -344,7 +344,9 @@ def campaign(
 
 
 @app.command()
-def completion(shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)]) -> int:
+def completion(
+    shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)],
+) -> int:
     """Print a script that completes commands with the Tab key: source <(./headstock completion bash)."""
     from headstock.app.shell_completion import SCRIPTS
 
@@ -362,6 +364,7 @@ def refuse_test(arguments: Annotated[list[str] | None, typer.Argument(metavar="[
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
+    open_missing_streams()
     try:
         code = typer.main.get_command(app).main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
     except click.ClickException as error:
@@ -370,6 +373,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         typer.echo("interrupted", err=True)
         return 130
+    except BrokenPipeError:
+        leave_closed_pipe()
+        return PIPE_CLOSED
     return int(code or 0)
 
 

@@ -4,7 +4,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TextIO
 
 from rich import box
 from rich.console import Console
@@ -22,20 +22,30 @@ BAR_LENGTH = 30
 SMALLEST_SHARE = 0.005
 
 
+class _PipedConsole(Console):
+    """Lets a command end as others do when the next one in a pipe closes it, without rich's own exit."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever its own output goes."""
+    return stream.isatty() and "OMPI_COMM_WORLD_SIZE" not in os.environ
+
+
 def make_console(*, stderr: bool = False) -> Console:
     """A console that does not colour numbers, 100 columns wide where there is no terminal."""
-    stream = sys.stderr if stderr else sys.stdout
-    # mpirun gives every rank a terminal of its own, wherever its own output goes
-    terminal = stream.isatty() and "OMPI_COMM_WORLD_SIZE" not in os.environ
+    terminal = is_terminal(sys.stderr if stderr else sys.stdout)
     width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
-    return Console(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
+    return _PipedConsole(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
 
 
 def print_header(scene: Scene, *, ranks: int) -> None:
     """Name what is run."""
     variant = f", variant {scene.variant}" if scene.variant else ""
-    made_of = f"{len(scene.machine.components)} components, {len(scene.machine.joints)} joints{variant}"
-    make_console().print(f"{scene.name}  ({made_of}, {ranks} rank{'s' if ranks > 1 else ''})", style="bold", markup=False)
+    made_of = f"{counted(len(scene.machine.components), 'component')}, {counted(len(scene.machine.joints), 'joint')}{variant}"
+    make_console().print(f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold", markup=False)
 
 
 def print_stage(record: StageRecord) -> None:
@@ -80,6 +90,11 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
 def print_remarks(remarks: Sequence[str]) -> None:
     """What the user should know of how results were written."""
     _print_warnings(make_console(), remarks)
+
+
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """A number of things in words."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def spaced(count: int) -> str:
@@ -155,7 +170,8 @@ def make_table(*headings: str) -> Table:
     """A light table; a heading that starts with ``>`` is for numbers."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        table.add_column(heading.removeprefix(">"), justify="right" if heading.startswith(">") else "left")
+        # headings of some tables come from scenes: a bracket in one is no markup
+        table.add_column(Text(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
     return table
 
 

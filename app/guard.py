@@ -1,13 +1,16 @@
 """From errors to exit codes and messages; under MPI one failing rank ends all of them."""
 
+import errno
 import inspect
+import os
 import sys
 import time
 import traceback
 from collections.abc import Callable
 from typing import Any
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+LOST_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG)
 # a failure that all ranks share is told by rank 0; the others wait so long before they tell theirs
 HOLD_BACK_SECONDS = 0.5
 
@@ -35,10 +38,27 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
             message = f"rank {comm.rank}: {message}"
         if debug:
             traceback.print_exc()
-        print(message, file=sys.stderr, flush=True)
+        if code == PIPE_CLOSED:
+            leave_closed_pipe()
+        else:
+            print(message, file=sys.stderr, flush=True)
         if comm is not None and comm.size > 1:
             comm.Abort(code)
     return code
+
+
+def open_missing_streams() -> None:
+    """Give what is printed a place to go where the caller closed standard output or error (``>&-``)."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+
+
+def leave_closed_pipe() -> None:
+    """Send what is still to be printed nowhere: ``headstock plan SCENE | head -1`` is no fault."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 def _judge(error: BaseException) -> tuple[int, str]:
@@ -55,6 +75,10 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return FAILED, f"{type(error).__name__}: {error}"
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted"
+    if isinstance(error, BrokenPipeError):
+        return PIPE_CLOSED, "the reader of the output closed it"
+    if isinstance(error, OSError) and error.errno in LOST_OUTPUT and error.filename is None:
+        return FAILED, f"OutputError: what is printed cannot be written: {error.strerror}"
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else FAILED, "stopped"
     if isinstance(error, MemoryError):

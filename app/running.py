@@ -11,13 +11,18 @@ from mpi4py import MPI
 
 from headstock.app.console import print_header, print_remarks, print_stage, print_summary
 from headstock.app.guard import DONE, FAILED
+from headstock.app.progress import show_progress
 from headstock.app.publishing import publish_run
+from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import dump_json, summarise
+from headstock.pipeline.results import Results, dump_json, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Analyses, Scene, keep_analyses
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.stages import Stage, StageRecord
+
+DRAWING_SECONDS = 4.0
 
 
 @dataclass(frozen=True)
@@ -51,12 +56,13 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
     with claim_output(output) if comm.rank == 0 else contextlib.nullcontext():
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
-        results = run_scene(scene, output, comm=comm, observer=print_stage)
+        results = _run_with_progress(scene, output, comm)
         if comm.rank == 0:
             summary = summarise(results)
-            remarks = publish_run(
-                output, summary, results.view, [response.curves for response in results.responses], figures=request.figures
-            )
+            curves = [response.curves for response in results.responses]
+            with show_progress() as progress:
+                progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
+                remarks = publish_run(output, summary, results.view, curves, figures=request.figures)
             if request.json_file is not None:
                 write_output(request.json_file, dump_json(summary).encode())
             print_remarks(remarks)
@@ -88,6 +94,26 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
         if name not in present:
             raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")
     return keep_analyses(scene, names) if names else scene
+
+
+def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm) -> Results:
+    """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
+    if comm.rank > 0:
+        return run_scene(scene, output, comm=comm)
+    with show_progress() as progress:
+
+        def announce(stage: Stage) -> None:
+            unknown = stage.kind in ("mesh", "reduce", "load")
+            seconds = stage.estimated_seconds if stage.estimated_seconds is not None or unknown else 0.0
+            progress.begin(f"{stage.kind:<7} {stage.component or stage.pose or ''}", seconds)
+
+        def observe(record: StageRecord) -> None:
+            progress.end()
+            print_stage(record)
+
+        if any(isinstance(part.solid, StepFile | MeshFile) for part in scene.machine.components.values()):
+            progress.begin("plan    from the parts' files")
+        return run_scene(scene, output, comm=comm, observer=observe, announce=announce)
 
 
 def _load(request: RunRequest) -> Scene:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from headstock.app.console import add_row, make_console, make_table, print_table
+from headstock.app.console import add_row, counted, make_console, make_table, print_table
 from headstock.app.numbered_pictures import LabelledSurface, draw_numbered
 from headstock.geometry.cad_faces import CadFace, Vector, find_holes, name_faces
 from headstock.geometry.components import Component
@@ -152,7 +152,7 @@ def _show_scene(scene: Scene, request: ShowRequest) -> int:
         add_row(table, name, component.fidelity, _describe_solid(component), size, ", ".join(component.interfaces))
         if skin is not None:
             skins[name] = skin
-    print_table(console, f"{scene.name}: {len(scene.machine.components)} components", table)
+    print_table(console, f"{scene.name}: {counted(len(scene.machine.components), 'component')}", table)
     if not skins:
         console.print("no component has a shape that can be drawn before meshing", markup=False)
         return 0

@@ -89,6 +89,8 @@ export_settings() {
     if read_only_checkout; then export PYTHONPYCACHEPREFIX="$cache/bytecode"; fi
     # shared memory only; UCX would look for a network first and complain where it finds none
     export OMPI_MCA_btl="${OMPI_MCA_btl:-self,sm}" OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}" OMPI_MCA_osc="${OMPI_MCA_osc:-^ucx}"
+    # PETSc would end the process at a closed pipe, with a page of advice
+    export PETSC_OPTIONS="-no_signal_handler${PETSC_OPTIONS:+ $PETSC_OPTIONS}"
     export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"
     # inside a container the kernel may refuse one process to read another's memory
     export OMPI_MCA_smsc="${OMPI_MCA_smsc:-^cma}"

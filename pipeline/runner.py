@@ -39,6 +39,7 @@ from headstock.pipeline.stages import Stage, StageRecord
 from headstock.pipeline.store import Store, default_store_root
 
 Observer = Callable[[StageRecord], None]
+Announcer = Callable[[Stage], None]
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "mesh": run_mesh_stage,
@@ -58,7 +59,13 @@ LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lu
 
 
 def run_scene(
-    scene: Scene, output: Path, *, comm: MPI.Comm, observer: Observer = lambda record: None, store: Store | None = None
+    scene: Scene,
+    output: Path,
+    *,
+    comm: MPI.Comm,
+    observer: Observer = lambda record: None,
+    store: Store | None = None,
+    announce: Announcer = lambda stage: None,
 ) -> Results:
     """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
 
@@ -71,6 +78,7 @@ def run_scene(
         comm: Collective.
         observer: Told of each stage as it ends, on rank 0.
         store: Where meshes and superelements are kept; by default the user's.
+        announce: Told of each stage before it begins, on rank 0.
 
     Returns:
         What was found; complete on rank 0 only.
@@ -90,6 +98,8 @@ def run_scene(
         start = time.perf_counter()
         for stage in plan.stages:
             check_elapsed(time.perf_counter() - start, scene.limits.time_s, stage)
+            if state.is_root:
+                announce(stage)
             with measure() as cost:
                 outcome = _run_stage(state, stage, output, pending)
             if state.is_root:

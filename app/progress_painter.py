@@ -1,0 +1,120 @@
+"""The process that shows how a long stage goes on while the main one computes: a bar on a terminal, plain lines elsewhere.
+
+It is run as a file and knows only the standard library, so that it starts in a few hundredths of a second. A process and not a
+thread, because a factorisation keeps Python's lock for minutes. It reads ``SECONDS<tab>LABEL`` when a stage begins (zero
+seconds: no estimate) and an empty line when it ended, and answers that with one byte once its bar is gone. It ends with its parent.
+"""
+
+import os
+import select
+import signal
+import sys
+import time
+
+FIRST_SECONDS = {"bar": 1.0, "lines": 15.0}
+NEXT_SECONDS = {"bar": 0.2, "lines": 30.0}
+WIDTH = 28
+CLEAR = "\r\x1b[K"
+
+
+def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str:
+    """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was expected."""
+    text = f"  {label:<26} "
+    if expected > 0.0:
+        ratio = elapsed / expected
+        filled = int(WIDTH * (0.9 * ratio if ratio < 1.0 else 1.0 - 0.1 / ratio))
+        text += f"{'━' * filled}{'─' * (WIDTH - filled)} {elapsed:5.0f} s of about {expected:.0f} s"
+    else:
+        text += f"{elapsed:5.0f} s"
+    return text[: max(1, columns - 1)]
+
+
+def render_line(label: str, elapsed: float, expected: float) -> str:
+    """One line for a log."""
+    about = f", about {expected:.0f} s expected" if expected > 0.0 else ""
+    return f"  {label:<26} for {elapsed:.0f} s{about}"
+
+
+class Painter:
+    """What is shown, and when next."""
+
+    def __init__(self, kind: str, haste: float) -> None:
+        self.kind = kind
+        self.first, self.next = haste * FIRST_SECONDS[kind], haste * NEXT_SECONDS[kind]
+        self.label, self.expected, self.begun, self.drawn = "", 0.0, 0.0, False
+        self.due: float | None = None
+
+    def begin(self, expected: float, label: str) -> None:
+        """A stage begins."""
+        self.label, self.expected, self.begun = label, expected, time.monotonic()
+        self.due = self.begun + self.first
+
+    def wait(self) -> float | None:
+        """Seconds until something is to be shown; None for ever."""
+        return None if self.due is None else max(0.0, self.due - time.monotonic())
+
+    def show(self) -> None:
+        """Show how far it is, when it is time to."""
+        now = time.monotonic()
+        if self.due is None or now < self.due:
+            return
+        self.due = now + self.next
+        if self.kind == "lines":
+            write(render_line(self.label, now - self.begun, self.expected) + "\n")
+            return
+        self.drawn = True
+        write(CLEAR + render_bar(self.label, now - self.begun, self.expected, terminal_columns()))
+
+    def end(self) -> None:
+        """The stage ended: take the bar away."""
+        self.due = None
+        if self.drawn:
+            write(CLEAR)
+            self.drawn = False
+
+
+def write(text: str) -> None:
+    """Write to standard output, whole and at once."""
+    os.write(1, text.encode("utf-8", "replace"))
+
+
+def terminal_columns() -> int:
+    """Width of the terminal."""
+    try:
+        return os.get_terminal_size(1).columns or 80
+    except OSError:
+        return 80
+
+
+def main(arguments: list[str]) -> int:
+    """Follow the parent's words.
+
+    Args:
+        arguments: ``bar`` or ``lines``, the number of the open file that takes the answers, and a factor on all waiting times.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    painter, answers = Painter(arguments[0], float(arguments[2])), int(arguments[1])
+    waiting = b""
+    while True:
+        if not select.select([0], [], [], painter.wait())[0]:
+            painter.show()
+            continue
+        read = os.read(0, 4096)
+        if not read:
+            painter.end()
+            return 0
+        *lines, waiting = (waiting + read).split(b"\n")
+        for line in lines:
+            if line:
+                seconds, _, label = line.decode("utf-8", "replace").partition("\t")
+                painter.begin(float(seconds), label)
+            else:
+                painter.end()
+                os.write(answers, b".")
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except OSError:
+        sys.exit(1)  # nobody looks any more
