@@ -24,7 +24,9 @@ def print_task(task: IdentificationTask) -> None:
 def print_start(record: StartRecord) -> None:
     """One line per start."""
     refused = f", {record.refused} refused" if record.refused else ""
-    line = f"  start  sum of squares {2.0 * record.cost:12.5g}  {record.evaluations:4d} evaluations{refused}  {record.reason}"
+    moved = f", {record.exchanges} exchange(s) of modes" if record.exchanges else ""
+    cost = f"{2.0 * record.cost:12.5g}"
+    line = f"  start  sum of squares {cost}  {record.evaluations:4d} evaluations{moved}{refused}  {record.reason}"
     make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
 
 

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.identification_cases import make_case
-from headstock.pipeline.identification_fit import FitPoint, FitProblem, StartRecord, data_jacobian, fit
+from headstock.pipeline.identification_fit import StartRecord, fit
+from headstock.pipeline.identification_problem import FitPoint, FitProblem, data_jacobian
 from headstock.pipeline.identification_residuals import compare_shape, compliance_gap
 from headstock.pipeline.identification_statistics import FitStatistics, assess
 from headstock.pipeline.identification_targets import Parameter, TargetCase
@@ -128,10 +129,10 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
         if case.variant not in scenes:
             scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
             superelements = reduce_components(scene, store, comm)
-            scenes[case.variant] = make_parametric(scene, superelements, loaded.task.parameters)
+            scenes[case.variant] = make_parametric(scene, superelements, loaded.task.parameters, scenes.values())
         poses = loaded.scenes[case.variant].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
-        cases.append(make_case(case, scenes[case.variant], pose))
+        cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
     return FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
 
 
@@ -155,7 +156,11 @@ def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], N
     Raises:
         ConvergenceError: No start could be computed.
     """
-    point, starts = fit(problem, observer)
+    starts = fit(problem, observer)
+    best = int(np.argmin([record.cost for record in starts]))
+    point = starts[best].end
+    if point is None:
+        raise AssertionError("a fit ended without a point and without saying why")
     _, prior_sigmas = problem.priors
     statistics = assess(
         [parameter.name for parameter in problem.parameters],
@@ -171,7 +176,7 @@ def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], N
         outcomes=tuple(outcome for index in range(len(point.states)) for outcome in _outcomes(point, index)),
         extra_hz={state.model.case.name: _extra_modes(point, index) for index, state in enumerate(point.states)},
         starts=starts,
-        best=int(np.argmin([record.cost for record in starts])),
+        best=best,
         statistics=statistics,
         problem=problem,
         point=point,

@@ -13,27 +13,54 @@ from headstock.pipeline.identification_targets import Parameter, TargetCase
 from headstock.pipeline.parametric_scene import ParametricScene
 from headstock.reduction.coupled_slopes import CoupledSlopes, ModeSlopes, slope_modes, slope_point_compliance
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.dof_layout import DofLayout
 from headstock.reduction.free_motions import solve_machine_static
 from headstock.reduction.stacked_pieces import Selection, StackedPieces, difference_pieces, stack_pieces
 from headstock.solvers.eigen_sensitivities import slope_shape, slope_squares
 from headstock.solvers.errors import ModelError
 from headstock.solvers.symmetric_modes import solve_symmetric_modes
 
+RIGID_MOTIONS = 6
 SPARE_MODES = 8  # computed above the targets, so that a pairing can choose
 STEP = 2.0**-10  # of the difference of parts, relative to the parameter
-STENCIL = ((1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))  # fourth order: reach and weight of each pair
+# reach and weight of each pair of a difference
+SECOND_ORDER = ((1.0, 0.5),)
+FOURTH_ORDER = ((1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 
 
 @dataclass(frozen=True, eq=False)
 class CaseModel:
-    """One case of a task, ready to be computed for any parameter values."""
+    """One case of a task, ready to be computed for any parameter values.
+
+    Attributes:
+        case: Its targets.
+        parametric: The scene in its variant.
+        pose: Where the axes stand.
+        parameters: In the order of the columns of a Jacobian.
+        observers: Points, interfaces and components whose motion its targets ask for.
+    """
 
     case: TargetCase
     parametric: ParametricScene
     pose: Pose
+    parameters: tuple[Parameter, ...]
     observers: tuple[str, ...]
-    rigid_below: int
+
+
+@dataclass(frozen=True, eq=False)
+class CaseSlope:
+    """Derivatives of a case by one parameter value.
+
+    Attributes:
+        squares: ``(m,)`` of omega^2.
+        compliances: ``(c,)``.
+        modes: What the parameter does to the modes.
+        pieces: Derivatives of the parts.
+    """
+
+    squares: FloatArray
+    compliances: FloatArray
+    modes: ModeSlopes
+    pieces: StackedPieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +106,16 @@ class CaseState:
         return np.asarray(self.coupled.basis @ self.displacements)
 
     @cached_property
+    def by_parameter(self) -> dict[int, CaseSlope]:
+        """Derivatives by each parameter that touches the case, by its place among the parameters.
+
+        Raises:
+            HeadstockError: The parts cannot be built next to these values.
+        """
+        found = ((index, _slope_case(self, parameter)) for index, parameter in enumerate(self.model.parameters))
+        return {index: slope for index, slope in found if slope is not None}
+
+    @cached_property
     def slopes(self) -> CoupledSlopes:
         """The machine ready to be differentiated."""
         machine = self.model.parametric.build(self.values).machine
@@ -89,28 +126,11 @@ class CaseState:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class CaseSlope:
-    """Derivatives of a case by one parameter value.
-
-    Attributes:
-        squares: ``(m,)`` of omega^2.
-        compliances: ``(c,)``.
-        modes: What the parameter does to the modes.
-        pieces: Derivatives of the parts.
-    """
-
-    squares: FloatArray
-    compliances: FloatArray
-    modes: ModeSlopes
-    pieces: StackedPieces
-
-
-def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose) -> CaseModel:
+def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose, parameters: tuple[Parameter, ...]) -> CaseModel:
     """A case with what has to be watched for its targets."""
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
     watched |= {port[0] for target in case.compliances for port in (target.motion, target.force)}
-    return CaseModel(case, parametric, pose, tuple(sorted(watched)), 6)
+    return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
 
 def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
@@ -125,12 +145,8 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
     return CaseState(model, dict(values), coupled, squares, shapes, _solve_static(model, coupled))
 
 
-def slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
-    """Derivatives of a case by a parameter's value; None where the parameter does not touch the case.
-
-    Raises:
-        HeadstockError: The parts cannot be built next to these values.
-    """
+def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
+    """Derivatives of a case by a parameter's value; None where the parameter does not touch the case."""
     pieces = _slope_pieces(state, parameter)
     if pieces is None:
         return None
@@ -155,7 +171,7 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
     case = model.case
     if not case.modes and case.limit is None:
         return np.zeros(0), np.zeros((coupled.basis.shape[1], 0))
-    wanted = len(case.modes) + model.rigid_below + SPARE_MODES
+    wanted = len(case.modes) + RIGID_MOTIONS + SPARE_MODES
     floor = (2.0 * np.pi * case.floor_hz) ** 2
     while True:
         pairs = solve_symmetric_modes(coupled.system.stiffness, coupled.system.mass, wanted=wanted)
@@ -180,23 +196,37 @@ def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:
 
 def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | None:
     """Derivatives of the touched parts by the parameter's value: of the small matrices, never of an eigenvalue."""
-    components, joints = state.model.parametric.touched[parameter.name]
-    if not components and not joints:
+    touched = state.model.parametric.touched[parameter.name]
+    if not touched.components and not touched.joints:
         return None
-    layout = state.coupled.layout
-    scene = state.model.parametric.scene.machine
-    beside = [name for name, joint in scene.joints.items() if any(end.component in components for end in joint.ends)]
-    watched = [name for name in state.model.observers if _owners(state, name) & set(components)]
-    wanted = Selection(components, tuple(dict.fromkeys([*joints, *beside])), tuple(watched))
+    if touched.stiffness_only:
+        return _slope_springs(state, parameter)
+    joints = state.model.parametric.scene.machine.joints
+    beside = [name for name, joint in joints.items() if any(end.component in touched.components for end in joint.ends)]
+    watched = [name for name in state.model.observers if _owners(state, name) & set(touched.components)]
+    wanted = Selection(touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched))
     value = state.values[parameter.name]
     step = STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
-    for reach, weight in STENCIL:
+    # levers are linear in every place, so that one pair is exact unless matrices of components change too
+    for reach, weight in FOURTH_ORDER if touched.matrices else SECOND_ORDER:
         after, before = (
-            _pieces_at(state, layout, {**state.values, parameter.name: value + side * reach * step}, wanted) for side in (1.0, -1.0)
+            _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted) for side in (1.0, -1.0)
         )
         pairs.append((after, before, weight / step))
     return difference_pieces(pairs)
+
+
+def _slope_springs(state: CaseState, parameter: Parameter) -> StackedPieces:
+    """Derivatives of joint stiffnesses, exactly."""
+    springs: dict[str, FloatArray] = {}
+    for name in state.model.parametric.touched[parameter.name].joints:
+        joint = state.model.parametric.joints[name]
+        springs[name] = np.zeros((6, 6))
+        for law in joint.stiffness_laws:
+            for dof in joint.dofs(law):
+                springs[name][dof, dof] = law.slope(state.values, parameter.name)
+    return StackedPieces({}, {}, {}, springs, {}, {})
 
 
 def _owners(state: CaseState, observer: str) -> set[str]:
@@ -207,9 +237,8 @@ def _owners(state: CaseState, observer: str) -> set[str]:
     return {observer.partition(".")[0]}
 
 
-def _pieces_at(state: CaseState, layout: DofLayout, values: Mapping[str, float], wanted: Selection) -> StackedPieces:
+def _pieces_at(state: CaseState, values: Mapping[str, float], wanted: Selection) -> StackedPieces:
     built = state.model.parametric.build(values)
-    moved = dataclasses.replace(
-        layout, superelements=built.superelements, placements=place_components(built.machine, state.model.pose)
-    )
+    placements = place_components(built.machine, state.model.pose)
+    moved = dataclasses.replace(state.coupled.layout, superelements=built.superelements, placements=placements)
     return stack_pieces(moved, built.machine, wanted)

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from headstock.pipeline.identification import FittedParameter, Identification, TargetOutcome
-from headstock.pipeline.identification_fit import FitProblem, StartRecord
+from headstock.pipeline.identification_fit import StartRecord
+from headstock.pipeline.identification_problem import FitProblem
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_errors import show_key
@@ -145,11 +146,12 @@ def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> Js
         "sum_of_squares": _finite(2.0 * record.cost),
         "evaluations": record.evaluations,
         "refused_evaluations": record.refused,
+        "exchanges_of_modes": record.exchanges,
         "converged": record.converged,
         "reason": record.reason,
         "kept": best,
         "start": problem.values(record.start),
-        "end": problem.values(record.end),
+        "end": None if record.end is None else problem.values(record.end.coordinates),
     }
 
 

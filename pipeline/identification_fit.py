@@ -1,7 +1,7 @@
-"""Bounded least squares from several starts, with exact derivatives."""
+"""Bounded least squares from several starts, with exact derivatives; each start tries other pairings of modes before it ends."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -9,13 +9,23 @@ from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.identification_cases import CaseModel, CaseState, solve_case
-from headstock.pipeline.identification_residuals import Pairing, case_jacobian, case_residuals, follow_modes, pair_modes
-from headstock.pipeline.identification_targets import FitSettings, Parameter
+from headstock.pipeline.identification_exchanges import propose_exchanges
+from headstock.pipeline.identification_problem import (
+    FitPoint,
+    FitProblem,
+    data_jacobian,
+    evaluate,
+    exchange_modes,
+    prior_jacobian,
+    prior_residuals,
+)
 from headstock.solvers.errors import ConvergenceError
 
 OUT_OF_REACH = 1e3  # residual of values with which the machine cannot be computed: the step is taken back
-TOLERANCE = 1e-9
+TOLERANCE = 1e-8
+TRIAL_STEPS = 12  # evaluations after which an exchange must have paid
+ROUNDS = 6  # of exchanges of modes per start
+WORTHWHILE = 0.99  # an exchange is kept when it brings the sum of squares below this share
 TEXTS = {
     -1: "the least-squares solver refused its input",
     0: "stopped at the limit of evaluations",
@@ -32,170 +42,93 @@ class StartRecord:
 
     Attributes:
         start: Coordinates it began at ``(p,)``.
-        end: Coordinates it ended at ``(p,)``.
-        cost: Half the sum of squares at the end, prior counted; inf where the start could not be computed.
+        end: Where it ended; None where the start could not be computed.
         evaluations: Of the model.
         refused: Evaluations at values with which the machine could not be computed.
+        exchanges: How often another pairing of targets and modes led to a better end.
         converged: It met a tolerance.
         reason: Why it ended.
     """
 
     start: FloatArray
-    end: FloatArray
-    cost: float
+    end: FitPoint | None
     evaluations: int
     refused: int
+    exchanges: int
     converged: bool
     reason: str
 
-
-@dataclass(frozen=True, eq=False)
-class FitProblem:
-    """Cases and parameters of a fit, in fitted coordinates: ln p or p over the width of its bounds."""
-
-    cases: tuple[CaseModel, ...]
-    parameters: tuple[Parameter, ...]
-    settings: FitSettings
-
-    def coordinates(self, values: Sequence[float]) -> FloatArray:
-        """Coordinates of parameter values."""
-        return np.array([np.log(v) if p.logarithmic else v / _width(p) for p, v in zip(self.parameters, values, strict=True)])
-
-    def values(self, coordinates: FloatArray) -> dict[str, float]:
-        """Parameter values by name, SI."""
-        return {
-            p.name: float(np.exp(x) if p.logarithmic else x * _width(p)) for p, x in zip(self.parameters, coordinates, strict=True)
-        }
-
-    def value_slopes(self, coordinates: FloatArray) -> FloatArray:
-        """Derivative of each value by its coordinate ``(p,)``."""
-        return np.array([np.exp(x) if p.logarithmic else _width(p) for p, x in zip(self.parameters, coordinates, strict=True)])
-
     @property
-    def lower(self) -> FloatArray:
-        """Lower bounds in coordinates."""
-        return self.coordinates([parameter.lower for parameter in self.parameters])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds in coordinates."""
-        return self.coordinates([parameter.upper for parameter in self.parameters])
-
-    @property
-    def priors(self) -> tuple[FloatArray, FloatArray]:
-        """Prior mean and standard deviation in coordinates; nan and inf where there is none."""
-        means, sigmas = np.full(len(self.parameters), np.nan), np.full(len(self.parameters), np.inf)
-        for index, parameter in enumerate(self.parameters):
-            if parameter.prior is not None and parameter.prior_sigma is not None:
-                means[index] = np.log(parameter.prior) if parameter.logarithmic else parameter.prior / _width(parameter)
-                sigmas[index] = parameter.prior_sigma / (1.0 if parameter.logarithmic else _width(parameter))
-        return means, sigmas
-
-
-@dataclass(frozen=True, eq=False)
-class FitPoint:
-    """A task at one place of its coordinates: states, pairings and residuals of the data, prior left out."""
-
-    coordinates: FloatArray
-    states: tuple[CaseState, ...]
-    pairings: tuple[Pairing, ...]
-    residuals: FloatArray
+    def cost(self) -> float:
+        """Half the sum of squares at the end, priors counted."""
+        return np.inf if self.end is None else self.end.cost
 
 
 @dataclass(eq=False)
 class _Descent:
-    """One start: what the least-squares solver calls, and what it has seen."""
+    """What the least-squares solver calls, and what it has seen.
+
+    Attributes:
+        problem: To be solved.
+        follow: Follow modes from step to step, else pair them anew at each.
+        anchor: Point from which modes are followed.
+        latest: Point computed last.
+        count: Evaluations.
+        refused: Evaluations at values with which the machine could not be computed.
+    """
 
     problem: FitProblem
+    follow: bool
     anchor: FitPoint | None = None
     latest: FitPoint | None = None
-    refused: int = 0
     count: int = 0
-    size: int = field(default=0)
+    refused: int = 0
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         self.count += 1
+        known = self.latest
         try:
             self.latest = evaluate(self.problem, coordinates, self.anchor)
         except HeadstockError:
-            if self.size == 0:
+            if known is None:
                 raise
             self.refused += 1
-            return np.full(self.size, OUT_OF_REACH)
-        if self.anchor is None:
+            return np.full(len(known.residuals) + len(prior_residuals(self.problem, coordinates)), OUT_OF_REACH)
+        if self.follow and self.anchor is None:
             self.anchor = self.latest
-        found = np.concatenate([self.latest.residuals, prior_residuals(self.problem, coordinates)])
-        self.size = len(found)
-        return found
+        return np.concatenate([self.latest.residuals, prior_residuals(self.problem, coordinates)])
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Called at accepted points only: from here on modes are followed from this one."""
-        point = self.latest
-        if point is None or not np.array_equal(point.coordinates, coordinates):
-            point = evaluate(self.problem, coordinates, self.anchor)
-        self.anchor = point
+        """Called at accepted points only: modes that are followed are followed from here on."""
+        point = self.point_at(coordinates)
+        if self.follow:
+            self.anchor = point
         return np.vstack([data_jacobian(self.problem, point), prior_jacobian(self.problem)])
 
+    def point_at(self, coordinates: FloatArray) -> FitPoint:
+        """The point there, as it is known or computed again."""
+        if self.latest is not None and np.array_equal(self.latest.coordinates, coordinates):
+            return self.latest
+        return evaluate(self.problem, coordinates, self.anchor)
 
-def evaluate(problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | None = None) -> FitPoint:
-    """Compute every case and pair its modes.
+
+def fit(problem: FitProblem, observer: Callable[[StartRecord], None] = lambda record: None) -> tuple[StartRecord, ...]:
+    """Run every start.
 
     Args:
-        problem: Cases and parameters.
-        coordinates: Where.
-        anchor: An earlier point whose pairing is followed where the settings say ``track``.
-
-    Raises:
-        HeadstockError: A machine cannot be built or computed there.
-    """
-    values = problem.values(coordinates)
-    states = tuple(solve_case(model, values) for model in problem.cases)
-    if anchor is not None and problem.settings.pairing == "track":
-        pairings = tuple(follow_modes(*item) for item in zip(anchor.states, anchor.pairings, states, strict=True))
-    else:
-        pairings = tuple(pair_modes(state) for state in states)
-    residuals = [case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)]
-    return FitPoint(np.array(coordinates), states, pairings, np.concatenate(residuals))
-
-
-def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
-    """Derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
-    blocks = [
-        case_jacobian(state, pairing, problem.parameters) for state, pairing in zip(point.states, point.pairings, strict=True)
-    ]
-    return np.vstack(blocks) * problem.value_slopes(point.coordinates)
-
-
-def prior_residuals(problem: FitProblem, coordinates: FloatArray) -> FloatArray:
-    """Distances from the priors in standard deviations, for parameters that have one."""
-    means, sigmas = problem.priors
-    held = np.isfinite(sigmas)
-    return np.asarray((coordinates[held] - means[held]) / sigmas[held])
-
-
-def prior_jacobian(problem: FitProblem) -> FloatArray:
-    """Derivatives of ``prior_residuals``."""
-    _, sigmas = problem.priors
-    held = np.isfinite(sigmas)
-    return np.asarray(np.eye(len(sigmas))[held] / sigmas[held][:, None])
-
-
-def fit(
-    problem: FitProblem, observer: Callable[[StartRecord], None] = lambda record: None
-) -> tuple[FitPoint, tuple[StartRecord, ...]]:
-    """Run every start and keep the best.
+        problem: To be solved.
+        observer: Told of each start as it ends.
 
     Raises:
         ConvergenceError: No start could be computed.
     """
     records: list[StartRecord] = []
     for start in spread_starts(problem):
-        records.append(_descend(problem, start))
+        records.append(_run_start(problem, start))
         observer(records[-1])
-    best = min(records, key=lambda record: record.cost)
-    if not np.isfinite(best.cost):
+    if all(record.end is None for record in records):
         raise ConvergenceError(f"none of {len(records)} start(s) could be computed: {records[0].reason}")
-    return evaluate(problem, best.end, _anchor(problem, best)), tuple(records)
+    return tuple(records)
 
 
 def spread_starts(problem: FitProblem) -> list[FloatArray]:
@@ -208,43 +141,79 @@ def spread_starts(problem: FitProblem) -> list[FloatArray]:
     if settings.starts == 1:
         return starts
     sampler = qmc.Sobol(count, rng=np.random.default_rng(settings.seed))
-    shares = sampler.random(2 ** int(np.ceil(np.log2(settings.starts))))[: settings.starts - 1]
+    shares = sampler.random_base2(int(np.ceil(np.log2(settings.starts))))[: settings.starts - 1]
     lower, upper = problem.lower, problem.upper
     means, sigmas = problem.priors
+    held = np.isfinite(sigmas)
     for share in shares:
         place = lower + share * (upper - lower)
-        held = np.isfinite(sigmas)
         low, high = (norm.cdf((bound[held] - means[held]) / sigmas[held]) for bound in (lower, upper))
         place[held] = means[held] + sigmas[held] * norm.ppf(low + share[held] * (high - low))
         starts.append(np.clip(place, lower, upper))
     return starts
 
 
-def _descend(problem: FitProblem, start: FloatArray) -> StartRecord:
-    descent = _Descent(problem)
+def _run_start(problem: FitProblem, start: FloatArray) -> StartRecord:
+    """One start: down to the nearest minimum, then on wherever another pairing of modes leads to a lower one."""
     try:
-        found = least_squares(
-            descent.residuals,
-            start,
-            jac=descent.jacobian,
-            bounds=(problem.lower, problem.upper),
-            method=problem.settings.method,
-            x_scale="jac",
-            ftol=TOLERANCE,
-            xtol=TOLERANCE,
-            gtol=TOLERANCE,
-            max_nfev=problem.settings.evaluations,
-        )
+        record = _descend(problem, start, None)
     except HeadstockError as error:
-        return StartRecord(start, start, np.inf, descent.count, descent.refused, converged=False, reason=str(error))
-    reason = TEXTS.get(found.status, found.message)
-    return StartRecord(start, found.x, float(found.cost), descent.count, descent.refused, converged=found.status > 0, reason=reason)
+        return StartRecord(start, None, 1, 0, 0, converged=False, reason=str(error))
+    for _ in range(ROUNDS if problem.settings.pairing == "best" else 0):
+        better, tried, refused = _try_exchanges(problem, record)
+        record = _count(record, better or record, tried, refused)
+        if better is None:
+            break
+    return record
 
 
-def _anchor(problem: FitProblem, record: StartRecord) -> FitPoint | None:
-    """Where a start that followed its modes began."""
-    return evaluate(problem, record.start) if problem.settings.pairing == "track" else None
+def _try_exchanges(problem: FitProblem, record: StartRecord) -> tuple[StartRecord | None, int, int]:
+    """The first exchange of modes that leads to a lower end, and what trying cost."""
+    tried = refused = 0
+    point = record.end
+    if point is None:
+        return None, 0, 0
+    for pairings in propose_exchanges(problem, point):
+        try:
+            followed = _descend(problem, point.coordinates, exchange_modes(problem, point, pairings), at_most=TRIAL_STEPS)
+        except HeadstockError:
+            refused += 1
+            continue
+        tried, refused = tried + followed.evaluations, refused + followed.refused
+        if followed.end is not None and followed.cost < WORTHWHILE * record.cost:
+            found = _descend(problem, followed.end.coordinates, None)
+            return found, tried + found.evaluations, refused + found.refused
+    return None, tried, refused
 
 
-def _width(parameter: Parameter) -> float:
-    return parameter.upper - parameter.lower
+def _count(before: StartRecord, after: StartRecord, tried: int, refused: int) -> StartRecord:
+    """The later record with what both took."""
+    return StartRecord(
+        start=before.start,
+        end=after.end,
+        evaluations=before.evaluations + tried,
+        refused=before.refused + refused,
+        exchanges=before.exchanges + (after is not before),
+        converged=after.converged,
+        reason=after.reason,
+    )
+
+
+def _descend(problem: FitProblem, start: FloatArray, anchor: FitPoint | None, *, at_most: int | None = None) -> StartRecord:
+    """Least squares from one place; from an anchor on its modes are followed."""
+    descent = _Descent(problem, follow=anchor is not None or problem.settings.pairing == "track", anchor=anchor)
+    found = least_squares(
+        descent.residuals,
+        np.clip(start, problem.lower, problem.upper),
+        jac=descent.jacobian,
+        bounds=(problem.lower, problem.upper),
+        method=problem.settings.method,
+        x_scale="jac",
+        ftol=TOLERANCE,
+        xtol=TOLERANCE,
+        gtol=TOLERANCE,
+        max_nfev=at_most or problem.settings.evaluations,
+    )
+    reason = TEXTS.get(found.status, str(found.message))
+    end = descent.point_at(found.x)
+    return StartRecord(start, end, descent.count, descent.refused, 0, converged=found.status > 0, reason=reason)

@@ -1,17 +1,16 @@
 """Weighed differences between a model and its targets, and how they change with the parameters."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.identification_cases import CaseSlope, CaseState, slope_case, slope_motions
-from headstock.pipeline.identification_targets import ComplianceTarget, Parameter, ShapeTarget
+from headstock.pipeline.identification_cases import CaseSlope, CaseState, slope_motions
+from headstock.pipeline.identification_targets import ComplianceTarget, ShapeTarget
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Pairing:
     """Which mode of a case meets which target: index into the modes above the floor, one per mode target."""
 
@@ -27,11 +26,17 @@ def pair_modes(state: CaseState) -> Pairing:
     if not targets:
         return Pairing(())
     distance = np.log(state.frequencies_hz[None, :] / np.array([target.frequency_hz for target in targets])[:, None])
-    cost = (distance / np.array([target.sigma for target in targets])[:, None]) ** 2
-    for row, target in enumerate(targets):
-        if target.shape is not None:
-            cost[row] += (1.0 - compare_shape(state, target.shape)) / target.shape.tolerance**2
+    cost = (distance / np.array([target.sigma for target in targets])[:, None]) ** 2 + shape_costs(state)
     return Pairing(tuple(int(column) for column in linear_sum_assignment(cost)[1]))
+
+
+def shape_costs(state: CaseState) -> FloatArray:
+    """What each target ``(t, m)`` would pay for the shape of each mode."""
+    cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
+    for row, target in enumerate(state.model.case.modes):
+        if target.shape is not None:
+            cost[row] = (1.0 - compare_shape(state, target.shape)) / target.shape.tolerance**2
+    return cost
 
 
 def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
@@ -72,30 +77,42 @@ def case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def case_jacobian(state: CaseState, pairing: Pairing, parameters: Sequence[Parameter]) -> FloatArray:
+def mode_rows(state: CaseState) -> tuple[tuple[int | None, ...], int]:
+    """Row of each frequency among the residuals of a case (None where it is held out), and how many residuals there are."""
+    rows: list[int | None] = []
+    size = 0
+    for target in state.model.case.modes:
+        rows.append(None if target.hold_out else size)
+        if not target.hold_out:
+            size += 1 + (0 if target.shape is None else len(target.shape.entries))
+    size += sum(not compliance.hold_out for compliance in state.model.case.compliances)
+    return tuple(rows), size + (state.model.case.limit is not None)
+
+
+def case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
     """Derivatives ``(r, p)`` of the residuals by the parameters' values."""
-    slopes = {index: slope for index, parameter in enumerate(parameters) if (slope := slope_case(state, parameter)) is not None}
+    slopes, count = state.by_parameter, len(state.model.parameters)
     rows: list[FloatArray] = []
     for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
         if target.hold_out:
             continue
-        row = np.zeros((1, len(parameters)))
+        row = np.zeros((1, count))
         for index, slope in slopes.items():
             row[0, index] = slope.squares[mode] / (2.0 * state.squares[mode] * target.sigma)
         rows.append(row)
         if target.shape is not None:
-            rows.append(_shape_gap_slopes(state, target.shape, mode, slopes, len(parameters)))
+            rows.append(_shape_gap_slopes(state, target.shape, mode, slopes, count))
     for number, compliance in enumerate(state.model.case.compliances):
         if compliance.hold_out:
             continue
-        row = np.zeros((1, len(parameters)))
+        row = np.zeros((1, count))
         size = float(state.compliances[number]) if compliance.logarithmic else compliance.value
         for index, slope in slopes.items():
             row[0, index] = slope.compliances[number] / (size * compliance.sigma)
         rows.append(row)
     if state.model.case.limit is not None:
-        rows.append(_limit_slopes(state, slopes, len(parameters)))
-    return np.vstack(rows) if rows else np.zeros((0, len(parameters)))
+        rows.append(_limit_slopes(state, slopes, count))
+    return np.vstack(rows) if rows else np.zeros((0, count))
 
 
 def compliance_gap(target: ComplianceTarget, value: float) -> float:

@@ -63,12 +63,14 @@ class CoupledSlopes:
     def changed_forces(self, slope: StackedPieces, motions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``dK_s q`` and ``dM_s q`` ``(n_all, m)``."""
         forces = self._component_forces(slope.stiffnesses, motions)
+        for name, spring in slope.springs.items():
+            if spring.any():
+                rows = self.pieces.rows[name]
+                forces += rows.T @ (spring @ (rows @ motions))
         for name, change in slope.rows.items():
             rows, spring = self.pieces.rows[name], self.pieces.springs[name]
-            if not (spring.any() or slope.springs[name].any()):
-                continue
-            stretch = rows @ motions
-            forces += rows.T @ (slope.springs[name] @ stretch + spring @ (change @ motions)) + change.T @ (spring @ stretch)
+            if change.any() and spring.any():
+                forces += rows.T @ (spring @ (change @ motions)) + change.T @ (spring @ (rows @ motions))
         return forces, self._component_forces(slope.masses, motions)
 
     def carried_motions(self, slope: StackedPieces, motions: FloatArray) -> FloatArray | None:
@@ -77,6 +79,8 @@ class CoupledSlopes:
         Raises:
             ModelError: Redundantly held motions would contradict each other after the change.
         """
+        if not any(change.any() for change in slope.constraints.values()):
+            return None
         gap = np.zeros((self._spread.shape[1], motions.shape[1]))
         for name, change in slope.constraints.items():
             gap[self._places[name]] = change @ motions

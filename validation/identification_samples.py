@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.identification import prepare_problem
-from headstock.pipeline.identification_fit import FitPoint, FitProblem, evaluate
+from headstock.pipeline.identification_problem import FitPoint, FitProblem, evaluate
 from headstock.pipeline.store import Store
 from headstock.pipeline.target_files import load_targets
 
