@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine
 from headstock.reduction.coupled_matrices import component_matrices
 from headstock.reduction.coupled_ports import point_rows
 from headstock.reduction.dof_layout import DofLayout, locate_interface, motion_rows, split_constraints, turn_dofs
 from headstock.reduction.joint_matrices import place_joint
+from headstock.reduction.superelement_checks import rigid_motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +120,10 @@ def _component_constraints(layout: DofLayout, name: str) -> FloatArray:
 def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
     """Rigid motion nearest to that of a component in the norm of its mass matrix, at its centre of mass."""
     superelement, placement = layout.superelements[name], layout.placements[name]
-    center = placement.origin + placement.rotation @ superelement.center_of_mass
-    motions = np.zeros((len(superelement.labels), 6))
-    for node, frame in enumerate(superelement.frames):
-        motions[6 * node : 6 * node + 6] = rigid_transfer(center, placement.origin + placement.rotation @ frame.origin)
-    turn = turn_dofs(superelement, placement)
-    weighed = motions.T @ (turn.T @ superelement.mass @ turn)
+    motions = rigid_motions(superelement, superelement.center_of_mass)
+    weighed = motions.T @ superelement.mass
+    turn = rotate_dofs(placement.rotation)
     rows = np.zeros((6, layout.size))
-    rows[:, layout.offsets[name]] = np.linalg.solve(weighed @ motions, weighed)
+    own = turn @ np.linalg.solve(weighed @ motions, weighed)
+    rows[:, layout.offsets[name]] = own @ turn_dofs(superelement, placement)
     return rows
