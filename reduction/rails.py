@@ -149,15 +149,20 @@ def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float)
     inner = knots[(knots > edges.min()) & (knots < edges.max())]
     breaks = np.unique(np.concatenate([edges, inner]))
     middle, half = 0.5 * (breaks[1:] + breaks[:-1]), 0.5 * np.diff(breaks)
-    points: FloatArray = (middle[:, None] + half[:, None] * _GAUSS_NODES).ravel()
-    parts: FloatArray = (half[:, None] * _GAUSS_WEIGHTS).ravel()
-    arms = points - place
-    if blur == 0.0:
-        return points, parts / length, parts * arms * (12.0 / length**3)
+    points = np.asarray((middle[:, None] + half[:, None] * _GAUSS_NODES).ravel())
+    parts = (half[:, None] * _GAUSS_WEIGHTS).ravel()
+    mean, slope = (
+        _blurred_weights(points - place, flat, tilted, blur) if blur else (1.0 / length, (points - place) * 12.0 / length**3)
+    )
+    return points, np.asarray(parts * mean, dtype=float), np.asarray(parts * slope, dtype=float)
+
+
+def _blurred_weights(arms: FloatArray, flat: float, tilted: float, blur: float) -> tuple[FloatArray, FloatArray]:
+    """Running averages over a blur of an even weight ``(q,)`` between +- flat and of an odd one between +- tilted."""
     after, before = arms + 0.5 * blur, arms - 0.5 * blur
-    mean: FloatArray = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
-    slope: FloatArray = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
-    return points, parts * mean, parts * slope
+    mean = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
+    slope = (np.clip(after, -tilted, tilted) ** 2 - np.clip(before, -tilted, tilted) ** 2) * (0.75 / (tilted**3 * blur))
+    return np.asarray(mean), np.asarray(slope)
 
 
 def _check_place(rail: Rail, place: float, length: float) -> float:
