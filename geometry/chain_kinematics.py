@@ -15,6 +15,7 @@ from headstock.geometry.frames import FloatArray, skew
 from headstock.geometry.mechanisms import AXES, Mark, Mechanism, Step
 
 IndexArray = NDArray[np.intp]
+_SKEW = np.array([skew(axis).ravel() for axis in np.eye(3)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class ChainLayout:
         amount: ``(C, D)`` fixed part of each motion.
         direction: ``(C, D, 3)`` axis of each motion in its own frame, zero where there is none.
         turns: ``(C, D)`` 1 for rotations, else 0.
-        mark_chain: ``(P,)`` chain of each mark.
+        mark_chain: ``(P,)`` chain of each mark; after the mechanism's marks comes the ground, as one more.
         mark_depth: ``(P,)`` motions before each mark.
         mark_local: ``(P, 4, 4)`` fixed steps between the last motion and the mark.
         spread: ``(P, D, n)`` 1 where a motion on the way to a mark is driven by a coordinate.
@@ -109,6 +110,8 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
             source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
             turns[row, level], direction[row, level] = item.kind == "turn", np.eye(3)[AXES.index(item.axis)]
             fixed, level = np.eye(4), level + 1
+    # the ground, as a last mark without a name
+    marks.append((0, 0, np.eye(4)))
     chains, depths = (np.array([mark[i] for mark in marks], dtype=np.intp) for i in (0, 1))
     spread = np.eye(len(mechanism.coordinates) + 1)[source][..., :-1][chains]
     spread = spread * (np.arange(depth) < depths[:, None])[..., None]
@@ -144,8 +147,8 @@ def mark_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
         Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular velocity per unit rate.
     """
     layout = placement.layout
-    axes = placement.axes[..., layout.mark_chain, :, :]
-    centers = placement.frames[..., 1:, :3, 3][..., layout.mark_chain, :, :]
+    axes = placement.axes.take(layout.mark_chain, axis=-3)
+    centers = placement.frames[..., 1:, :3, 3].take(layout.mark_chain, axis=-3)
     turns = layout.turns[layout.mark_chain][..., None]
     arms = placement.positions[..., :, None, :] - centers
     columns = turns * cross(axes, arms) + (1.0 - turns) * axes
@@ -176,15 +179,14 @@ def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
 
 def cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """Cross product of the last axes; several times faster than ``numpy.cross`` on small arrays."""
-    a, b, c = first[..., 0], first[..., 1], first[..., 2]
-    x, y, z = second[..., 0], second[..., 1], second[..., 2]
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+    # written twice in a row, the three components of a cyclic product are slices
+    a, b = np.concatenate([first, first], axis=-1), np.concatenate([second, second], axis=-1)
+    return np.asarray(a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4])
 
 
 def skew_matrices(vectors: FloatArray) -> FloatArray:
     """Matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
-    basis = np.array([skew(axis) for axis in np.eye(3)])
-    return np.asarray(np.einsum("...k,kij->...ij", vectors, basis))
+    return np.asarray((vectors @ _SKEW).reshape(*vectors.shape, 3))
 
 
 def _running_sum(terms: FloatArray) -> FloatArray:

@@ -27,6 +27,7 @@ LARGEST_STEP = 0.5
 CLOSED = 1e-13
 STAGNANT = 1e-9  # below this a step that no longer shrinks is roundoff
 RANK_TOLERANCE = 1e-9
+_UNIT = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +124,9 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint accelerations."""
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    omega = _with_ground(bias.omega[..., None])[..., layout.meet_frame, :, :][..., 0]
-    alpha = _with_ground(bias.alpha[..., None])[..., layout.meet_frame, :, :][..., 0]
-    speed = bias.velocity[..., layout.meet_first, :] - bias.velocity[..., layout.meet_second, :]
-    apart = bias.acceleration[..., layout.meet_first, :] - bias.acceleration[..., layout.meet_second, :]
+    omega, alpha = bias.omega.take(layout.meet_frame, axis=-2), bias.alpha.take(layout.meet_frame, axis=-2)
+    speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(layout.meet_second, axis=-2)
+    apart = bias.acceleration.take(layout.meet_first, axis=-2) - bias.acceleration.take(layout.meet_second, axis=-2)
     turned = apart - 2.0 * cross(omega, speed) - cross(alpha, gap) + cross(omega, cross(omega, gap))
     met = (np.swapaxes(axes, -1, -2) @ turned[..., None])[..., 0]
     aligned = _alignment_bias(layout, placement, bias)
@@ -148,6 +148,13 @@ def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | Ind
     Raises:
         ClosureError: The pose cannot be reached from there, or the unknowns are singular.
     """
+    return close_kinematics(mechanism, state, unknown=unknown)[0]
+
+
+def close_kinematics(
+    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
+) -> tuple[FloatArray, Kinematics]:
+    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's method."""
     columns = mechanism.passive_slice if unknown is None else unknown
     state = np.array(state, dtype=np.result_type(state, float))
     before = np.inf
@@ -166,7 +173,7 @@ def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | Ind
         # far from the solution a full step may jump to another assembly
         state[..., columns] -= step * min(1.0, LARGEST_STEP / max(size, LARGEST_STEP))
         if size < CLOSED or 0.1 * before <= size < STAGNANT:
-            return state
+            return state, kinematics
         before = size
     worst = float(np.abs(closure_residual(mechanism, state)).max())
     raise ClosureError(
@@ -210,36 +217,31 @@ def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
 def _closure_jacobian(mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_turn: FloatArray) -> FloatArray:
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    frame_turn = _with_ground(of_turn)[..., layout.meet_frame, :, :]
-    opening = of_position[..., layout.meet_first, :, :] - of_position[..., layout.meet_second, :, :]
+    frame_turn = of_turn.take(layout.meet_frame, axis=-3)
+    opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(layout.meet_second, axis=-3)
     met = np.swapaxes(axes, -1, -2) @ (opening + skew_matrices(gap) @ frame_turn)
-    turning = of_turn[..., layout.align_second, :, :] - of_turn[..., layout.align_first, :, :]
-    first = placement.rotations[..., layout.align_first, :, :]
+    turning = of_turn.take(layout.align_second, axis=-3) - of_turn.take(layout.align_first, axis=-3)
+    first = placement.rotations.take(layout.align_first, axis=-3)
     aligned = _vee_map(_relative(layout, placement)) @ np.swapaxes(first, -1, -2) @ turning
     balanced = np.broadcast_to(layout.weights, (*placement.positions.shape[:-2], *layout.weights.shape))
     return _pick(layout, met, aligned, balanced, columns=True)
 
 
 def _axes_and_gap(layout: ClosureLayout, placement: Placement) -> tuple[FloatArray, FloatArray]:
-    ground = np.broadcast_to(np.eye(3), (*placement.rotations.shape[:-3], 1, 3, 3))
-    axes = np.concatenate([placement.rotations, ground], axis=-3)[..., layout.meet_frame, :, :]
-    return axes, placement.positions[..., layout.meet_first, :] - placement.positions[..., layout.meet_second, :]
-
-
-def _with_ground(motions: FloatArray) -> FloatArray:
-    return np.concatenate([motions, np.zeros_like(motions[..., :1, :, :])], axis=-3)
+    gap = placement.positions.take(layout.meet_first, axis=-2) - placement.positions.take(layout.meet_second, axis=-2)
+    return placement.rotations.take(layout.meet_frame, axis=-3), gap
 
 
 def _relative(layout: ClosureLayout, placement: Placement) -> FloatArray:
-    first = placement.rotations[..., layout.align_first, :, :]
-    return np.swapaxes(first, -1, -2) @ placement.rotations[..., layout.align_second, :, :]
+    first = placement.rotations.take(layout.align_first, axis=-3)
+    return np.asarray(np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3))
 
 
 def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
-    first = np.swapaxes(placement.rotations[..., layout.align_first, :, :], -1, -2)
+    first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
-    omega1, omega2 = bias.omega[..., layout.align_first, :], bias.omega[..., layout.align_second, :]
-    alpha = bias.alpha[..., layout.align_second, :] - bias.alpha[..., layout.align_first, :]
+    omega1, omega2 = bias.omega.take(layout.align_first, axis=-2), bias.omega.take(layout.align_second, axis=-2)
+    alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(layout.align_first, axis=-2)
     speed = first @ (omega2 - omega1)[..., None]
     change = first @ (alpha - cross(omega1, omega2))[..., None]
     growth = _vee_map(skew_matrices(speed[..., 0]) @ relative)
@@ -247,13 +249,13 @@ def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> 
 
 
 def _vee(matrix: FloatArray) -> FloatArray:
-    pairs = ((2, 1), (0, 2), (1, 0))
-    return np.stack([0.5 * (matrix[..., i, j] - matrix[..., j, i]) for i, j in pairs], axis=-1)
+    flat = matrix.reshape(*matrix.shape[:-2], 9)
+    return np.asarray(0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]]))
 
 
 def _vee_map(matrix: FloatArray) -> FloatArray:
-    trace = np.trace(matrix, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(0.5 * (trace * np.eye(3) - matrix))
+    trace = matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2]
+    return np.asarray((0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix)
 
 
 def _pick(
@@ -265,4 +267,4 @@ def _pick(
     tail = met.shape[-1:] if columns else ()
     parts = [part.reshape(*shape, -1, *tail) for part in (met, aligned, balanced)]
     stacked = np.concatenate(parts, axis=-1 - keep)
-    return np.asarray(stacked[..., layout.rows, :] if columns else stacked[..., layout.rows])
+    return np.asarray(stacked.take(layout.rows, axis=-1 - keep))

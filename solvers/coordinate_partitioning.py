@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.loop_closures import close_loops, evaluate_kinematics
+from headstock.geometry.loop_closures import Kinematics, close_kinematics
 from headstock.geometry.mechanisms import Mechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.mechanism_dynamics import MechanismDynamics, evaluate_dynamics
@@ -70,27 +70,28 @@ def velocity_maps(mechanism: Mechanism, closures: FloatArray) -> tuple[FloatArra
     return maps[..., :count], maps[..., count:]
 
 
-def compose_state(mechanism: Mechanism, driven: FloatArray, compliant: FloatArray, guess: FloatArray) -> FloatArray:
-    """All coordinates ``(..., n)``, the passive ones from the closures, near a guess ``(..., n)``."""
+def compose_state(
+    mechanism: Mechanism, driven: FloatArray, compliant: FloatArray, guess: FloatArray
+) -> tuple[FloatArray, Kinematics]:
+    """All coordinates ``(..., n)``, the passive ones from the closures, near a guess ``(..., n)``; and the kinematics there."""
     state = np.array(np.broadcast_to(guess, (*driven.shape[:-1], guess.shape[-1])), dtype=np.result_type(driven, compliant, guess))
     state[..., mechanism.driven_slice], state[..., mechanism.compliant_slice] = driven, compliant
-    return close_loops(mechanism, state)
+    return close_kinematics(mechanism, state)
 
 
 def partition_dynamics(
-    model: CompliantMechanism, state: FloatArray, drive: Drive, rates: FloatArray, force: FloatArray
+    model: CompliantMechanism, placed: tuple[FloatArray, Kinematics], drive: Drive, rates: FloatArray, force: FloatArray
 ) -> PartitionedDynamics:
     """The equations of motion in the compliant coordinates.
 
     Args:
         model: The mechanism.
-        state: ``(..., n)`` closed state; its driven part must be that of the drive.
+        placed: From :func:`compose_state`, at the drive's position.
         drive: What the driven coordinates do.
         rates: ``(..., c)`` speeds of the compliant coordinates [m/s].
         force: ``(..., 3)`` force on the tool in the ground frame of the chains [N].
     """
-    mechanism = model.mechanism
-    kinematics = evaluate_kinematics(mechanism, state)
+    mechanism, (state, kinematics) = model.mechanism, placed
     from_driven, from_compliant = velocity_maps(mechanism, kinematics.closures)
     speeds = (from_driven @ drive.speed[..., None] + from_compliant @ rates[..., None])[..., 0]
     dynamics = evaluate_dynamics(model, kinematics, speeds)

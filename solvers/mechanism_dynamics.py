@@ -120,8 +120,8 @@ def _arms(bodies: BodyArrays, placement: Placement) -> FloatArray:
 def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
     """Of the centres of mass ``(..., b, 3, n)``, and of the angular velocity in each body's own axes."""
     placement = kinematics.placement
-    of_turn = kinematics.of_turn[..., bodies.mark, :, :]
-    moving = kinematics.of_position[..., bodies.mark, :, :] - skew_matrices(_arms(bodies, placement)) @ of_turn
+    of_turn = kinematics.of_turn.take(bodies.mark, axis=-3)
+    moving = kinematics.of_position.take(bodies.mark, axis=-3) - skew_matrices(_arms(bodies, placement)) @ of_turn
     return moving, np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2) @ of_turn
 
 

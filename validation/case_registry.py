@@ -22,6 +22,20 @@ from headstock.validation.closed_form_cases import (
     check_torsion_constants,
 )
 from headstock.validation.machine_cases import check_three_axis_machine
+from headstock.validation.mechanism_cases import (
+    check_inverse_kinematics,
+    check_limits,
+    check_mechanism_derivatives,
+    check_mirror_symmetry,
+    check_three_models,
+)
+from headstock.validation.mechanism_time_cases import (
+    check_common_path,
+    check_constraint_drift,
+    check_energy_balance,
+    check_integration_orders,
+    check_million_steps,
+)
 from headstock.validation.modal_benchmarks import (
     check_block,
     check_deep_beam,
@@ -38,6 +52,7 @@ from headstock.validation.reduction_cases import (
     check_static_exactness,
 )
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
+from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
 
@@ -48,16 +63,21 @@ class Case:
 
     Attributes:
         name: What the command line calls it.
-        group: ``beams``, ``benchmarks``, ``orders``, ``reduction`` or ``machines``.
+        group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``, ``tripteor`` or
+            ``tripteor_verification``.
         title: One line.
         compute: Collective function that returns the rows.
+        on_request: Takes so long that it runs only when it is named itself.
     """
 
     name: str
     group: str
     title: str
     compute: CaseFunction
+    on_request: bool = False
 
+
+VERIFICATION = "tripteor_verification"
 
 CASES: tuple[Case, ...] = (
     Case("seed-cantilever", "beams", "six frequencies of the seed's column", check_cantilever_modes),
@@ -89,6 +109,21 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
+    Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
+    Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),
+    Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
+    Case(
+        "mechanism-derivatives", VERIFICATION, "Jacobians, bias and inertial forces by complex steps", check_mechanism_derivatives
+    ),
+    Case("exechon-inverse-kinematics", VERIFICATION, "the published table of 16 assemblies", check_inverse_kinematics),
+    Case("mirror-symmetry", VERIFICATION, "both sides of the plane of symmetry", check_mirror_symmetry),
+    Case("linear-limits", VERIFICATION, "small forces and small swings of the nonlinear equations", check_limits),
+    Case("three-models", VERIFICATION, "ODE, DAE and absolute coordinates in one instant", check_three_models),
+    Case("three-models-path", VERIFICATION, "ODE and absolute coordinates over 10 ms", check_common_path),
+    Case("energy-balance", VERIFICATION, "energy gained is work put in", check_energy_balance),
+    Case("integration-orders", VERIFICATION, "generalised-α on ODE and index-3 DAE", check_integration_orders),
+    Case("constraint-drift", VERIFICATION, "open loops over 10 000 steps", check_constraint_drift),
+    Case("constraint-drift-million", VERIFICATION, "open loops over 1 000 000 steps", check_million_steps, on_request=True),
 )
 
 
