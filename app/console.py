@@ -81,6 +81,8 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_table(console, f"Under the static loads in pose {pose}", _probe_table(probes))
     for modes in summary["modal"]:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
+    for pose, response in summary.get("frf", {}).items():
+        print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
     _print_warnings(console, summary["warnings"])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)
@@ -197,6 +199,17 @@ def _probe_table(probes: Json) -> Table:
     for name, probe in probes.items():
         moved = (f"{value:.3f}" for value in probe["displacement_um"])
         add_row(table, name, probe["component"], *moved, f"{probe['von_mises_mpa']:.3f}", f"{100 * probe['stress_jump']:.1f} %")
+    return table
+
+
+def _response_table(ports: Sequence[Json]) -> Table:
+    table = make_table("force at", ">static", ">worst Re", ">at Hz", ">-1/(2 Re)", ">softest", ">at Hz", "near mode")
+    keys = ("worst_real_um_per_kN", "worst_real_hz", "chatter_stiffness_N_per_um", "softest_N_per_um", "softest_hz")
+    for port in ports:
+        if "static_um_per_kN" in port:
+            numbers = ["free" if port["static_um_per_kN"] is None else f"{port['static_um_per_kN']:.4g}"]
+            numbers += ["-" if port[key] is None else f"{port[key]:.4g}" for key in keys]
+            add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
     return table
 
 

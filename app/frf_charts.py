@@ -9,13 +9,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from headstock.app.charts import DPI, FAINT, INK, read_pixels
-from headstock.app.frf_tables import name_entry, response_unit
+from headstock.app.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.mode_files import file_stem
 
-MOST_FIELDS = 6  # rows and columns beyond this cannot be read
 CURVE, DIRECT = "#4f7cac", "#b5566e"
-DECADES_SHOWN = 5.0
 
 
 def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, NDArray[np.uint8]]:
@@ -44,24 +42,20 @@ def _draw_grid(curves: ResponseCurves) -> NDArray[np.uint8]:
 
 def _draw_magnitude(axes: Axes, curves: ResponseCurves, size: Any, color: str) -> None:
     axes.semilogy(curves.frequencies_hz, np.where(size > 0.0, size, np.nan), color=color, linewidth=1.2)
-    top = np.nanmax(size, initial=0.0)
-    if top > 0.0:
-        axes.set_ylim(max(np.nanmin(np.where(size > 0.0, size, np.nan)) / 1.5, top / 10.0**DECADES_SHOWN), 2.0 * top)
+    axes.set_ylim(*magnitude_range(size))
     axes.tick_params(labelbottom=False)
     _frame(axes, curves)
 
 
 def _draw_phase(axes: Axes, curves: ResponseCurves, values: Any, color: str) -> None:
-    phase = np.degrees(np.angle(values))
-    # a line from -180 to 180 degrees would say something that is not so
-    jumps = np.abs(np.diff(phase, prepend=phase[:1])) > 180.0
-    axes.plot(curves.frequencies_hz, np.where(jumps, np.nan, phase), color=color, linewidth=1.0)
+    axes.plot(curves.frequencies_hz, broken_phase(values), color=color, linewidth=1.0)
     axes.set_ylim(-190.0, 190.0)
-    axes.set_yticks([-180, 0, 180], ["-180°", "0°", "180°"])
+    axes.set_yticks([-180, 0, 180], ["−180°", "0°", "180°"])
     _frame(axes, curves)
 
 
 def _frame(axes: Axes, curves: ResponseCurves) -> None:
+    axes.set_xscale(curves.spacing)
     axes.set_xlim(curves.frequencies_hz[0], curves.frequencies_hz[-1])
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

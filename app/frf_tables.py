@@ -5,11 +5,14 @@ import math
 import numpy as np
 
 from headstock.app.summary_tables import PlainTable
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.mode_files import file_stem
-from headstock.solvers.second_order import Motion, Port
+from headstock.solvers.second_order import ComplexArray, Motion, Port
 from headstock.solvers.system_ports import name_port
 
+MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
+DECADES_SHOWN = 5.0
 RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 
 
@@ -24,6 +27,20 @@ def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float
 def name_entry(output: Port, given: Port) -> str:
     """``tcp x / tcp y``: motion over load."""
     return f"{name_port(output)} / {name_port(given)}"
+
+
+def magnitude_range(size: FloatArray) -> tuple[float, float]:
+    """Lowest and highest magnitude to draw: around the curve, at most five decades below its top."""
+    known = size[np.isfinite(size) & (size > 0.0)]
+    if not len(known):
+        return 0.1, 1.0
+    return float(max(known.min() / 1.5, known.max() / 10.0**DECADES_SHOWN)), float(2.0 * known.max())
+
+
+def broken_phase(values: ComplexArray) -> FloatArray:
+    """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that is not so."""
+    phase = np.degrees(np.angle(values))
+    return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180.0, np.nan, phase)
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:

@@ -11,7 +11,9 @@ import jinja2
 from markupsafe import Markup
 
 from headstock.app.console import sort_shares
+from headstock.app.frf_tables import tabulate_response
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
+from headstock.app.report_frf import draw_response, has_more_fields
 from headstock.app.report_notes import judge_numbers
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
 from headstock.app.viewer_data import EncodedMachine, encode_machine
@@ -22,6 +24,7 @@ from headstock.pipeline.result_files import REPORT_FILE, write_output
 from headstock.pipeline.results import Json
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
+CURSOR = "response_cursor.js"
 SHARES_NAMED = 3
 SMALLEST_NAMED = 0.02
 
@@ -62,6 +65,7 @@ def render_report(
     view = view or MachineView()
     colors = component_colors(view)
     static = static_by_pose(summary)
+    tables = [*list_tables(summary), *(tabulate_response(response) for response in curves)]
     machine = encode_machine(view, _captions(summary, view))
     return (
         report_environment()
@@ -76,9 +80,11 @@ def render_report(
             poses=list(view.poses),
             colors=colors,
             notes=judge_numbers(summary),
-            downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in list_tables(summary)},
+            downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in tables},
+            responses={response.pose: response for response in curves},
             style=Markup(read_asset(STYLE)),
             script=Markup(read_asset(SCRIPT)),
+            cursor=Markup(read_asset(CURSOR)),
         )
     )
 
@@ -183,7 +189,8 @@ def report_environment() -> jinja2.Environment:
         "longest": lambda budget: max((share for shares in budget.values() for share in shares.values()), default=1.0) or 1.0,
     }
     environment.filters |= filters
-    drawing = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
+    drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
+    drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

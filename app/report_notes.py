@@ -21,6 +21,8 @@ def judge_numbers(summary: Json) -> list[Note]:
         notes.append(_judge_compliance(elastic="elastic" in fidelities))
     if summary["modal"]:
         notes += [_judge_frequencies(summary), _judge_names()]
+    if summary.get("frf"):
+        notes.append(_judge_response(summary))
     if summary["static"]:
         notes.append(
             Note(
@@ -63,6 +65,20 @@ def _judge_frequencies(summary: Json) -> Note:
         "Their error was not estimated in this run. Mesh and reduction as a rule make them come out too high: run again"
         " with a smaller mesh size and a higher modes_to and see by how much they fall. Damping is not part of these modes.",
     )
+
+
+def _judge_response(summary: Json) -> Note:
+    text = (
+        "All modes of the reduced machine are summed, so the curve meets the static compliance at 0 Hz. Peaks are as high as the damping"
+        " is low: the scene's damping decides them, and it is seldom known to better than a factor of two. "
+    )
+    if any(not response["damped"] for response in summary["frf"].values()):
+        text += "Here nothing is damped: peaks have no top. "
+    text += (
+        "Structural damping acts as a loss factor at every frequency above 0 Hz; where damping ratios of modes are given, a mode's loss"
+        " factor counts as twice its damping ratio."
+    )
+    return Note("Frequency response", text)
 
 
 def _judge_names() -> Note:

@@ -1,7 +1,7 @@
 """Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -12,6 +12,7 @@ from headstock.solvers.second_order import ComplexArray, Motion, Port
 from headstock.solvers.system_ports import name_port
 
 Json = dict[str, Any]
+Spacing = Literal["linear", "log"]
 UM_PER_KN = 1e9  # m/N
 N_PER_UM = 1e-6  # N/m
 
@@ -55,6 +56,7 @@ class ResponseCurves:
         frequencies_hz: ``(n,)``.
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.
+        spacing: Of the frequency axis.
     """
 
     pose: str
@@ -62,7 +64,8 @@ class ResponseCurves:
     outputs: tuple[Port, ...]
     frequencies_hz: FloatArray
     receptance: ComplexArray
-    motion: Motion
+    motion: Motion = "receptance"
+    spacing: Spacing = "linear"
 
     @property
     def values(self) -> ComplexArray:
@@ -113,7 +116,7 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
     """Write the curves of a pose: receptance in SI, NaN where there is no value."""
     group["frequencies_hz"] = curves.frequencies_hz
     group["receptance"] = curves.receptance
-    group.attrs["motion"] = curves.motion
+    group.attrs["motion"], group.attrs["spacing"] = curves.motion, curves.spacing
     for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
         group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
 
@@ -125,7 +128,10 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
         KeyError: A part is missing.
     """
     inputs, outputs = (tuple(_split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
-    return ResponseCurves(pose, inputs, outputs, group["frequencies_hz"][:], group["receptance"][:], group.attrs["motion"])
+    given = group.attrs
+    return ResponseCurves(
+        pose, inputs, outputs, group["frequencies_hz"][:], group["receptance"][:], given["motion"], given["spacing"]
+    )
 
 
 def _split_port(text: str) -> Port:

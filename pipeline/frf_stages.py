@@ -62,7 +62,7 @@ def respond(
     near = _modes_up_to(modes, NAMED_MARGIN * request.to_hz)
     found = PoseResponse(
         curves=ResponseCurves(
-            pose, response.inputs, response.outputs, response.frequencies_hz, response.receptance, request.motion
+            pose, response.inputs, response.outputs, response.frequencies_hz, response.receptance, request.motion, request.spacing
         ),
         method=response.method,
         damped=damped,

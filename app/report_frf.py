@@ -1,0 +1,176 @@
+"""Frequency responses in the report: a grid of Bode plots as SVG, and what its cursor reads."""
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit
+from headstock.app.viewer_data import script_json
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.frf_results import ResponseCurves
+
+PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720
+LEFT, RIGHT, TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT, FOOT = 46, 24, 22, 130, 10, 44, 24
+CURVE, DIRECT = "#4f7cac", "#b5566e"
+DIGITS = 4
+LINE = '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
+TEXT = '<text x="{}" y="{}" font-size="10.5" text-anchor="{}" fill="currentColor" opacity="0.75">{}</text>'
+PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin="round"/>'
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """One entry and where it is drawn: its upper left corner, its width, and its range of magnitudes."""
+
+    title: str
+    unit: str
+    color: str
+    size: FloatArray
+    phase: FloatArray
+    corner: tuple[float, float]
+    width: float
+    low: float
+    high: float
+
+    def size_level(self, value: FloatArray) -> FloatArray:
+        """Height ``y`` of magnitudes, zero and less at the foot."""
+        share = np.log(np.maximum(value, self.low) / self.low) / math.log(self.high / self.low)
+        return self.corner[1] + TITLE + SIZE_HEIGHT * (1.0 - share)
+
+    def phase_level(self, value: FloatArray) -> FloatArray:
+        """Height ``y`` of phases in degrees."""
+        return self.corner[1] + TITLE + SIZE_HEIGHT + GAP + PHASE_HEIGHT * (180.0 - value) / 360.0
+
+
+def draw_response(curves: ResponseCurves, identity: str) -> Markup:
+    """The Bode plots of a pose as one SVG, with the numbers behind it for the cursor."""
+    cells, columns = _lay_out(curves)
+    width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
+    parts = [_draw_cell(curves, cell) for cell in cells]
+    marks = [Markup('<g class="cursor" visibility="hidden"></g>')]
+    picture = Markup(
+        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
+    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join([*parts, *marks]))
+    script = Markup('<script type="application/json" class="response-data" data-for="{}">{}</script>')
+    return picture + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
+
+
+def has_more_fields(curves: ResponseCurves) -> bool:
+    """Whether some entries are not drawn."""
+    return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
+
+
+def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
+    outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
+    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
+    values, cells = curves.values, []
+    for row, output in enumerate(outputs):
+        for column, given in enumerate(inputs):
+            unit, factor = response_unit(curves.motion, output, given)
+            size = np.asarray(factor * np.abs(values[:, row, column]), dtype=float)
+            low, high = magnitude_range(size)
+            color = DIRECT if output == given else CURVE
+            corner = (column * width, row * _cell_height())
+            phase = broken_phase(values[:, row, column])
+            cells.append(_Cell(name_entry(output, given), unit, color, size, phase, corner, width, low, high))
+    return cells, len(inputs)
+
+
+def _cell_height() -> float:
+    return TITLE + SIZE_HEIGHT + GAP + PHASE_HEIGHT + FOOT
+
+
+def _places(curves: ResponseCurves, cell: _Cell, frequencies: FloatArray) -> FloatArray:
+    """Where frequencies stand on a cell's axis."""
+    f = np.log(frequencies) if curves.spacing == "log" else frequencies
+    ends = curves.frequencies_hz[[0, -1]]
+    low, high = np.log(ends) if curves.spacing == "log" else ends
+    return np.asarray(cell.corner[0] + LEFT + (cell.width - LEFT - RIGHT) * (f - low) / (high - low))
+
+
+def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
+    left, top = cell.corner[0] + LEFT, cell.corner[1] + TITLE
+    right, middle = cell.corner[0] + cell.width - RIGHT, top + SIZE_HEIGHT
+    low = middle + GAP + PHASE_HEIGHT
+    heading = Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>')
+    parts = [heading.format(left, top - 8, f"{cell.title}  [{cell.unit}]")]
+    for power in _decades(cell):
+        y = float(cell.size_level(np.array(10.0**power)))
+        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", f"10{_raised(power)}")]
+    for angle, label in ((180.0, "180°"), (0.0, "0°"), (-180.0, "−180°")):
+        y = float(cell.phase_level(np.array(angle)))
+        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", label)]
+    ticks = _ticks(curves)
+    for frequency in ticks:
+        x = float(_places(curves, cell, np.array(frequency)))
+        parts += [Markup(LINE).format(f"{x:.1f}", f"{top:.1f}", f"{x:.1f}", f"{low:.1f}", 0.13)]
+        parts.append(_text(x, low + 13, "middle", f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"))
+    along = _places(curves, cell, curves.frequencies_hz)
+    parts.append(Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color))
+    parts.append(Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color))
+    return Markup("").join(parts)
+
+
+def _line(left: float, y: float, right: float, opacity: float) -> Markup:
+    return Markup(LINE).format(f"{left:.1f}", f"{y:.1f}", f"{right:.1f}", f"{y:.1f}", opacity)
+
+
+def _text(x: float, y: float, anchor: str, text: str) -> Markup:
+    return Markup(TEXT).format(f"{x:.1f}", f"{y:.1f}", anchor, text)
+
+
+def _path(x: FloatArray, y: FloatArray, known: np.ndarray) -> str:  # type: ignore[type-arg]
+    """Path through the known points, broken at the others."""
+    words, down = [], False
+    for place, level, good in zip(x, y, known, strict=True):
+        if good:
+            words.append(f"{'L' if down else 'M'}{place:.1f} {level:.1f}")
+        down = bool(good)
+    return "".join(words)
+
+
+def _decades(cell: _Cell) -> list[int]:
+    return list(range(math.ceil(math.log10(cell.low)), math.floor(math.log10(cell.high)) + 1))
+
+
+def _ticks(curves: ResponseCurves) -> list[float]:
+    """Round frequencies: decades on a logarithmic axis, else five or so steps of 1, 2 or 5."""
+    low, high = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
+    if curves.spacing == "log":
+        return [10.0**power for power in range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)]
+    rough = (high - low) / 5.0
+    unit = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
+    return [step * number for number in range(math.ceil(low / step), math.floor(high / step * (1 + 1e-9)) + 1)]
+
+
+def _raised(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _cursor_data(curves: ResponseCurves, cells: list[_Cell]) -> dict[str, object]:
+    """Rounded curves, and the boxes in which they are drawn."""
+    return {
+        "hz": _rounded(curves.frequencies_hz),
+        "log": curves.spacing == "log",
+        "heights": [TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT],
+        "cells": [
+            {
+                "box": [cell.corner[0], cell.corner[1], cell.width],
+                "axis": [cell.corner[0] + LEFT, cell.corner[0] + cell.width - RIGHT],
+                "range": [cell.low, cell.high],
+                "unit": cell.unit,
+                "color": cell.color,
+                "size": _rounded(cell.size),
+                "phase": _rounded(cell.phase),
+            }
+            for cell in cells
+        ],
+    }
+
+
+def _rounded(values: FloatArray) -> list[float | None]:
+    return [json.loads(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values]
