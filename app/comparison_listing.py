@@ -40,7 +40,7 @@ def describe_store(effort: Json) -> str:
 def print_comparison(summary: Json) -> None:
     """The table a designer decides from: modes, compliances, weak links, and what each variant costs."""
     variants = summary["variants"]
-    console = _wide_console(len(variants))
+    console = _wide_console(list(variants))
     console.print()
     table = make_table("", *(f">{name}" for name in variants))
     table.columns[0].min_width = table.columns[0].max_width = NAME_WIDTH if not console.is_terminal else None
@@ -92,8 +92,8 @@ def print_effort(summary: Json) -> None:
         return
     change = summary["effort"]["change"]
     runs = ["first", "changed"] if change else ["first"]
-    console = make_console()
-    table = make_table("variant", *(f">{run} model [s]" for run in runs), *(f">{run}, CPU [s]" for run in runs), "of it")
+    console = _wide_console(["variant", *runs, *runs])
+    table = make_table("variant", *(f">{run} model, s" for run in runs), *(f">{run}, CPU s" for run in runs), "of it")
     for name, efforts in summary["effort"]["variants"].items():
         steps = ", ".join(f"{STEP_NAMES[step]} {efforts[runs[-1]]['seconds'][step]:.3f}" for step in STEP_NAMES)
         walls = [f"{efforts[run]['seconds']['total']:.3f}" for run in runs]
@@ -152,11 +152,11 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
     return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
 
 
-def _wide_console(columns: int) -> Console:
+def _wide_console(names: list[str]) -> Console:
     """A console as wide as the table needs where there is no terminal: a pipe has no edge."""
     console = make_console()
     if not console.is_terminal:
-        console.width = max(WIDTH_WITHOUT_TERMINAL, NAME_WIDTH + (CELL_WIDTH + 2) * columns)
+        console.width = max(WIDTH_WITHOUT_TERMINAL, NAME_WIDTH + 4 + sum(max(CELL_WIDTH, len(name)) + 2 for name in names))
     return console
 
 

@@ -55,14 +55,10 @@ def sum_stiffness(
             total += weigh(spring.name) * spring.rows.T @ spring.stiffness @ spring.rows
         return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
     rows = {spring.name: spring.rows for spring in springs}
-    for index, group in enumerate(grading.groups, start=1):
-        sees = (elimination.levels > 0) & (elimination.levels <= index)
-        for part in group:
-            row = np.where(sees, part.direction @ rows[part.joint], 0.0)
-            total += weigh(part.joint) * part.stiffness * np.outer(row, row)
-    for part in grading.soft:
-        row = part.direction @ rows[part.joint]
-        total += weigh(part.joint) * part.stiffness * np.outer(row, row)
+    for index, group in enumerate((*grading.groups, grading.soft), start=1):
+        sees = (elimination.levels > 0) & (elimination.levels <= index) if index <= len(grading.groups) else True
+        stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
+        total += stretch.T @ (np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch)
     return 0.5 * (total + total.T)
 
 

@@ -127,19 +127,21 @@ def _loose_rotations(superelement: Superelement) -> FloatArray:
     rows = superelement.constraints
     span = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).max(), full_matrices=False)
     projection = span.Vh[FELT_TOLERANCE * span.S[0] < span.S]
-    found = []
-    for node in range(len(superelement.frames)):
-        turns = slice(6 * node + 3, 6 * node + 6)
-        unseen = np.eye(3) - projection[:, turns].T @ projection[:, turns]
-        for matrix in (superelement.stiffness, superelement.mass):
-            response = matrix[:, turns] / (np.abs(matrix).max() or 1.0)
-            unseen += response.T @ response
-        levels, vectors = np.linalg.eigh(unseen)
-        for vector in vectors[:, levels < LOOSE_LEVEL].T:
-            row = np.zeros(len(superelement.labels))
-            row[turns] = vector
-            found.append(row)
-    return np.array(found).reshape(len(found), len(superelement.labels))
+    unseen = np.eye(3) - _rotation_products(superelement, projection)
+    for matrix in (superelement.stiffness, superelement.mass):
+        unseen = unseen + _rotation_products(superelement, matrix / (np.abs(matrix).max() or 1.0))
+    levels, vectors = np.linalg.eigh(unseen)
+    nodes, modes = np.nonzero(levels < LOOSE_LEVEL)
+    found = np.zeros((len(nodes), len(superelement.labels)))
+    for row, (node, mode) in enumerate(zip(nodes, modes, strict=True)):
+        found[row, 6 * node + 3 : 6 * node + 6] = vectors[node, :, mode]
+    return found
+
+
+def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArray:
+    """``R^T R`` for the columns ``(m, 3)`` of each node's rotations: ``(nodes, 3, 3)``."""
+    turns = rows[:, : superelement.node_size].reshape(len(rows), -1, 6)[:, :, 3:].transpose(1, 2, 0)
+    return np.asarray(turns @ turns.transpose(0, 2, 1))
 
 
 def _has_loose_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:

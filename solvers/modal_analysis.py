@@ -52,7 +52,8 @@ def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz
         require_symmetric(matrix, what, "control and gyroscopic terms need the complex modes of the damped system")
     if len(system.mass) == 0:
         raise ModelError("no dof is left: every motion is held by rigid joints")
-    pairs = solve_symmetric_modes(system.stiffness, system.mass, wanted=count)
+    limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
+    pairs = solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit)
     frequencies = np.sqrt(np.abs(pairs.squares)) / (2.0 * np.pi)
     kept = len(frequencies)
     if up_to_hz is not None:

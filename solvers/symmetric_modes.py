@@ -13,6 +13,7 @@ from headstock.solvers.null_space import EPS, NullSpace, find_null_space
 SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
 CANCELLATION_LIMIT = 1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
+BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
 SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
 
 
@@ -33,7 +34,9 @@ class ModalPairs:
     infinite_count: int = 0
 
 
-def solve_symmetric_modes(stiffness: FloatArray, mass: FloatArray, *, wanted: int | None = None) -> ModalPairs:
+def solve_symmetric_modes(
+    stiffness: FloatArray, mass: FloatArray, *, wanted: int | None = None, up_to: float | None = None
+) -> ModalPairs:
     """All eigenpairs of ``K x = omega^2 M x`` for symmetric positive semidefinite matrices.
 
     The pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small stiffnesses beside
@@ -44,6 +47,7 @@ def solve_symmetric_modes(stiffness: FloatArray, mass: FloatArray, *, wanted: in
         stiffness: ``(n, n)``.
         mass: ``(n, n)``.
         wanted: How many of the lowest must be accurate; the others are left out. None: all.
+        up_to: The same as a limit of omega^2 [rad^2/s^2]; those beyond it may be left out.
 
     Raises:
         ModelError: A matrix is indefinite, or a dof has neither mass nor stiffness.
@@ -52,18 +56,22 @@ def solve_symmetric_modes(stiffness: FloatArray, mass: FloatArray, *, wanted: in
     Source: Barlow and Demmel (1990) on graded matrices; Guyan (1965) for massless dofs.
     """
     count = len(mass) if wanted is None else min(wanted, len(mass))
-    pairs = _flexibility_modes(stiffness, mass, count)
+    pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
         careful = _careful_modes(stiffness, mass)
         return replace(careful, squares=careful.squares[:count], shapes=careful.shapes[:, :count])
     return ModalPairs(*pairs)
 
 
-def _flexibility_modes(stiffness: FloatArray, mass: FloatArray, count: int) -> tuple[FloatArray, FloatArray] | None:
+def _flexibility_modes(
+    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
+) -> tuple[FloatArray, FloatArray] | None:
     """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be good enough."""
     flexibilities, shapes, info = dsygvd(mass.T, stiffness.T)
     if info != 0 or not flexibilities[0] > MASSLESS_LIMIT * flexibilities[-1]:
         return None
+    if up_to is not None:
+        count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
     if not flexibilities[-count] > SPREAD_LIMIT * flexibilities[-1]:
         return None
     lowest = np.abs(shapes[:, -1])

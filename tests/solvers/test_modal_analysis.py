@@ -93,6 +93,9 @@ def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_a
     system = system_of(np.eye(15), coupling * scales * scales[:, None])
     exact = np.sqrt(np.array([float(value) for value in _exact_eigenvalues(system.stiffness)])) / (2.0 * np.pi)
     np.testing.assert_allclose(solve_modal(system).frequencies_hz, exact, rtol=1e-8)
+    for count in range(15):
+        limit = exact[0] / 2.0 if count == 0 else exact[count - 1] * (1.0 + 1e-9)
+        np.testing.assert_allclose(solve_modal(system, up_to_hz=limit).frequencies_hz, exact[:count], rtol=1e-8)
 
 
 def _exact_eigenvalues(matrix):
