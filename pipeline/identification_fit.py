@@ -22,7 +22,7 @@ from headstock.pipeline.identification_problem import (
 from headstock.solvers.errors import ConvergenceError
 
 OUT_OF_REACH = 1e3  # residual of values with which the machine cannot be computed: the step is taken back
-TOLERANCE = 1e-8
+TOLERANCE = 1e-7
 TRIAL_STEPS = 12  # evaluations after which an exchange must have paid
 ROUNDS = 6  # of exchanges of modes per start
 WORTHWHILE = 0.99  # an exchange is kept when it brings the sum of squares below this share

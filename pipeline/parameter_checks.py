@@ -97,8 +97,6 @@ def _explain_missing(pattern: KeyPath, text: str, scenes: Scenes) -> str:
                 read_number(scene.raw, key)
             except ValueError as error:
                 return str(error)
-    if not scenes:
-        return ""
     raw = next(iter(scenes.values())).raw
     depth = max(length for length in range(len(pattern) + 1) if find_keys(raw, pattern[:length]))
     table: Any = raw

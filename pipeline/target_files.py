@@ -49,7 +49,7 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
         for name, entry in table.cases.items()
         if entry.variant in scenes
     ]
-    parameters = read_parameters(table, scenes, findings)
+    parameters = read_parameters(table, scenes or {None: written}, findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
     fit = table.fit

@@ -23,6 +23,7 @@ at = ["0 mm", "0 mm", "0 mm"]
 fidelity = "rigid"
 interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
 [components.column]
+rotate = { axis = "y", angle = "3 deg" }
 solid = { box = ["40 mm", "100 mm", "500 mm"] }
 material = "steel"
 at = ["0 mm", "0 mm", "200 mm"]
@@ -87,6 +88,9 @@ direction = "x"
 X = "150 mm"
 [variants.stiff]
 "components.column.fidelity" = "rigid"
+[variants.turned]                                  # the column leans on a slanted base
+"components.column.rotate" = { axis = "y", angle = "12 deg" }
+"components.slider.rotate" = [{ axis = "z", angle = "30 deg" }, { axis = "x", angle = "-20 deg" }]
 [variants.fine]
 "components.column.fidelity" = "elastic"
 [analyses.modal]

@@ -1,0 +1,70 @@
+"""The exact derivatives of a fit are those of high-order differences of the coupled machine, whatever a parameter moves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.identification_problem import FitProblem, data_jacobian, evaluate
+from headstock.validation.identification_samples import prepare_text
+
+STEP = 5e-4
+STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+TARGETS = """
+[cases.written]
+frequencies = ["40 Hz", "65 Hz", "70 Hz", "95 Hz"]
+modes = [
+  {{ frequency = "120 Hz", vectors = {{ "slider.tool" = [0.3, 1.0, 0.1], "column.head" = [0.2, 0.6, 0.0] }} }},
+  {{ frequency = "150 Hz", moves = [{{ bodies = ["slider", "column"], rotation = "x" }}], ignore = ["base"] }},
+]
+compliances = [
+  {{ point = "tcp", motion = "z", force = "z", value = "65 um/kN" }},
+  {{ point = "tcp", motion = "x", force = "z", force_at = "column.head", value = "10 um/kN" }},
+]
+at_most = {{ modes = 1, below = "200 Hz" }}
+[cases.turned]
+variant = "{variant}"
+pose = "out"
+frequencies = ["40 Hz", "60 Hz", "80 Hz", "100 Hz", "120 Hz"]
+compliances = [{{ point = "tcp", motion = "y", force = "y", value = "65 um/kN" }}]
+"""
+BOUNDS = {"length": '["10 mm", "900 mm"]', "stiffness": '["10 N/um", "800 N/um"]'}
+PARAMETERS = {
+    "stiffness": f'keys = ["joints.guide_*.stiffness.normal"]\nbounds = {BOUNDS["stiffness"]}',
+    "tied": f'keys = ["joints.drive.stiffness.axial"]\nmultiplies = [{{ key = "joints.feet.stiffness.rx", power = 2 }}]\nbounds = {BOUNDS["stiffness"]}',
+    "place of joints": f"""keys = ["joints.guide_1.at[1]", {{ key = "joints.guide_2.at[1]", factor = -1 }},
+        {{ key = "joints.guide_3.at[1]", factor = 0.8, offset = "3 mm" }}]\nbounds = {BOUNDS["length"]}""",
+    "place of bodies": f"""shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", {{ key = "components.column.at[1]", factor = 0.5 }}]
+        bounds = ["-50 mm", "50 mm"]\nscale = "linear" """,
+    "thickness": f"""keys = ["components.column.solid.box[0]"]
+        shifts = [{{ key = "components.slider.at[0]", factor = 0.5 }}]\nbounds = {BOUNDS["length"]}""",
+    "height": f"""keys = ["components.column.solid.box[2]"]
+        shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", "joints.drive.at[2]"]\nbounds = {BOUNDS["length"]}""",
+    "mass": 'keys = ["components.slider.mass"]\nbounds = ["5 kg", "50 kg"]',
+    "modulus": 'keys = ["materials.steel.E"]\nbounds = ["100 GPa", "300 GPa"]',
+    "poisson": 'keys = ["materials.steel.nu"]\nbounds = [0.1, 0.4]',
+    "density": 'keys = ["materials.steel.rho"]\nbounds = ["5000 kg/m^3", "9000 kg/m^3"]',
+    "angle": 'keys = ["components.column.rotate.angle"]\nbounds = ["1 deg", "60 deg"]',
+}
+
+
+def differences(problem: FitProblem, place: FloatArray) -> FloatArray:
+    """Sixth-order differences of the residuals, modes followed from the middle."""
+    anchor, columns = evaluate(problem, place), []
+    for direction in np.eye(len(place)):
+        moved = [weight * evaluate(problem, place + reach * STEP * direction, anchor).residuals for reach, weight in STENCIL]
+        columns.append(np.sum(moved, axis=0) / STEP)
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("variant", ["stiff", "turned"])
+def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant: str) -> None:
+    text = "".join(f'[parameters."{name.replace(" ", "_")}"]\n{table}\n' for name, table in PARAMETERS.items())
+    problem = prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
+    place = problem.coordinates([parameter.start for parameter in problem.parameters])
+    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    scale = np.abs(expected).max(axis=0)
+    assert (scale > 0.0).all()
+    worst = np.abs(exact - expected).max(axis=0) / scale
+    assert dict(zip(PARAMETERS, worst, strict=True)) == {name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS}
