@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.bound_checks import check_bounds
 from headstock.pipeline.identification_cases import make_case
 from headstock.pipeline.identification_fit import StartRecord, fit
 from headstock.pipeline.identification_problem import FitPoint, FitProblem, data_jacobian
@@ -18,7 +19,7 @@ from headstock.pipeline.parametric_scene import ParametricScene, make_parametric
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.scene import Analyses, ModalRequest, Scene
+from headstock.pipeline.scene import ModalRequest, Scene
 from headstock.pipeline.store import Store
 from headstock.pipeline.target_files import LoadedTask
 from headstock.reduction.superelement import Superelement
@@ -121,6 +122,7 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     """Reduce every component once and tie the scenes to the parameters.
 
     Raises:
+        SceneError: The scene cannot be built with the starts or at a bound.
         HeadstockError: A component cannot be reduced.
     """
     scenes: dict[str | None, ParametricScene] = {}
@@ -133,7 +135,9 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
         poses = loaded.scenes[case.variant].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
         cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
-    return FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
+    problem = FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
+    check_bounds(problem, loaded.findings)
+    return problem
 
 
 def reduce_components(scene: Scene, store: Store, comm: MPI.Comm) -> dict[str, Superelement]:
@@ -189,7 +193,7 @@ def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
     asked = scene.analyses.modal
     if highest == 0.0 or (asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest):
         return scene
-    return dataclasses.replace(scene, analyses=Analyses(scene.analyses.static, ModalRequest(None, 1.5 * highest, ())))
+    return dataclasses.replace(scene, analyses=dataclasses.replace(scene.analyses, modal=ModalRequest(None, 1.5 * highest, ())))
 
 
 def _fitted(problem: FitProblem, point: FitPoint, statistics: FitStatistics) -> tuple[FittedParameter, ...]:

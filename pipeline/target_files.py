@@ -18,10 +18,17 @@ from headstock.pipeline.target_checks import read_case
 
 @dataclass(frozen=True, eq=False)
 class LoadedTask:
-    """A checked target file and the scene in each of the variants it names."""
+    """A checked target file.
+
+    Attributes:
+        task: What is asked for.
+        scenes: The scene in each of the variants the file names.
+        findings: Lines of the file, for what only the built scene can tell.
+    """
 
     task: IdentificationTask
     scenes: Mapping[str | None, Scene]
+    findings: Findings
 
 
 def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> LoadedTask:
@@ -38,6 +45,7 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
     findings = Findings(str(path))
     table = validate_against(TargetsTable, read_scene(path, findings), findings)
     written = load_scene(scene, overrides=overrides)
+    _check_kind(written, findings)
     if table is None:
         findings.raise_if_any()
         raise AssertionError("the schema refused a target file without saying why")
@@ -54,7 +62,17 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
     findings.raise_if_any()
     fit = table.fit
     settings = FitSettings(fit.starts, fit.seed, fit.pairing, fit.noise, fit.method, fit.evaluations)
-    return LoadedTask(IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings), scenes)
+    return LoadedTask(IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings), scenes, findings)
+
+
+def _check_kind(scene: Scene, findings: Findings) -> None:
+    """Refuse scenes whose parts are not placed by their own keys alone."""
+    if scene.mechanism is not None:
+        findings.add_line(None, f"{scene.path} holds a mechanism; only machines of components and joints can be fitted")
+    if "orientation" in scene.raw:
+        findings.add_line(
+            None, f"{scene.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency"
+        )
 
 
 def _load_variant(

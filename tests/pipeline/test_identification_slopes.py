@@ -29,23 +29,39 @@ pose = "out"
 frequencies = ["40 Hz", "60 Hz", "80 Hz", "100 Hz", "120 Hz"]
 compliances = [{{ point = "tcp", motion = "y", force = "y", value = "65 um/kN" }}]
 """
-BOUNDS = {"length": '["10 mm", "900 mm"]', "stiffness": '["10 N/um", "800 N/um"]'}
+LENGTH, STIFFNESS = 'bounds = ["10 mm", "900 mm"]', 'bounds = ["10 N/um", "800 N/um"]'
 PARAMETERS = {
-    "stiffness": f'keys = ["joints.guide_*.stiffness.normal"]\nbounds = {BOUNDS["stiffness"]}',
-    "tied": f'keys = ["joints.drive.stiffness.axial"]\nmultiplies = [{{ key = "joints.feet.stiffness.rx", power = 2 }}]\nbounds = {BOUNDS["stiffness"]}',
-    "place of joints": f"""keys = ["joints.guide_1.at[1]", {{ key = "joints.guide_2.at[1]", factor = -1 }},
-        {{ key = "joints.guide_3.at[1]", factor = 0.8, offset = "3 mm" }}]\nbounds = {BOUNDS["length"]}""",
-    "place of bodies": f"""shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", {{ key = "components.column.at[1]", factor = 0.5 }}]
-        bounds = ["-50 mm", "50 mm"]\nscale = "linear" """,
-    "thickness": f"""keys = ["components.column.solid.box[0]"]
-        shifts = [{{ key = "components.slider.at[0]", factor = 0.5 }}]\nbounds = {BOUNDS["length"]}""",
-    "height": f"""keys = ["components.column.solid.box[2]"]
-        shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", "joints.drive.at[2]"]\nbounds = {BOUNDS["length"]}""",
-    "mass": 'keys = ["components.slider.mass"]\nbounds = ["5 kg", "50 kg"]',
-    "modulus": 'keys = ["materials.steel.E"]\nbounds = ["100 GPa", "300 GPa"]',
-    "poisson": 'keys = ["materials.steel.nu"]\nbounds = [0.1, 0.4]',
-    "density": 'keys = ["materials.steel.rho"]\nbounds = ["5000 kg/m^3", "9000 kg/m^3"]',
-    "angle": 'keys = ["components.column.rotate.angle"]\nbounds = ["1 deg", "60 deg"]',
+    "stiffness": ('keys = ["joints.guide_*.stiffness.normal"]', STIFFNESS),
+    "tied": (
+        'keys = ["joints.drive.stiffness.axial"]',
+        'multiplies = [{ key = "joints.feet.stiffness.rx", power = 2 }]',
+        STIFFNESS,
+    ),
+    "place_of_joints": (
+        'keys = ["joints.guide_1.at[1]", { key = "joints.guide_2.at[1]", factor = -1 },',
+        '{ key = "joints.guide_3.at[1]", factor = 0.8, offset = "3 mm" }]',
+        LENGTH,
+    ),
+    "place_of_bodies": (
+        'shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", { key = "components.column.at[1]", factor = 0.5 }]',
+        'bounds = ["-50 mm", "50 mm"]',
+        'scale = "linear"',
+    ),
+    "thickness": (
+        'keys = ["components.column.solid.box[0]"]',
+        'shifts = [{ key = "components.slider.at[0]", factor = 0.5 }]',
+        LENGTH,
+    ),
+    "height": (
+        'keys = ["components.column.solid.box[2]"]',
+        'shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", "joints.drive.at[2]"]',
+        LENGTH,
+    ),
+    "mass": ('keys = ["components.slider.mass"]', 'bounds = ["5 kg", "50 kg"]'),
+    "modulus": ('keys = ["materials.steel.E"]', 'bounds = ["100 GPa", "300 GPa"]'),
+    "poisson": ('keys = ["materials.steel.nu"]', "bounds = [0.1, 0.4]"),
+    "density": ('keys = ["materials.steel.rho"]', 'bounds = ["5000 kg/m^3", "9000 kg/m^3"]'),
+    "angle": ('keys = ["components.column.rotate.angle"]', 'bounds = ["1 deg", "60 deg"]'),
 }
 
 
@@ -60,7 +76,7 @@ def differences(problem: FitProblem, place: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("variant", ["stiff", "turned"])
 def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant: str) -> None:
-    text = "".join(f'[parameters."{name.replace(" ", "_")}"]\n{table}\n' for name, table in PARAMETERS.items())
+    text = "".join("\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items())
     problem = prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
