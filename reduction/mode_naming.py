@@ -26,6 +26,7 @@ JOINT_SHARE = 0.2  # strain energy from which a joint, or a family of numbered o
 FAMILY_SHARE = 0.02
 RIGID_SHARE = 0.95  # kinetic energy that one rigid motion of the whole machine explains
 TWIST_SHARE = 0.8
+STRETCH_SHARE = 0.5
 SLENDER_RATIO = 0.5  # smallest over middle moment of inertia
 PARALLEL = 0.9
 SAMPLES = 600
@@ -153,10 +154,14 @@ def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str
     moments, axes = np.linalg.eigh(superelement.inertia)
     long = rotation @ axes[:, 0]
     slender = moments[0] < SLENDER_RATIO * moments[1]
+    axis = int(np.argmax(np.round(np.abs(long), 6)))
     if slender and _turning_share(long, places, field) > TWIST_SHARE:
-        return "twist", "ABC"[int(np.argmax(np.round(np.abs(long), 6)))]
-    main = int(np.argmax(np.round(sizes / sizes.max(), 6)))
-    return "stretch" if slender and abs(long[main]) > PARALLEL else "bend", "XYZ"[main]
+        return "twist", "ABC"[axis]
+    if slender and _stretching_share(long, places, field) > STRETCH_SHARE:
+        return "stretch", "XYZ"[axis]
+    if slender and abs(long[axis]) > PARALLEL:
+        sizes[axis] = 0.0  # what sections that turn move along a bending bar, which is much in a stout one
+    return "bend", "XYZ"[int(np.argmax(np.round(sizes / max(float(sizes.max()), np.finfo(float).tiny), 6)))]
 
 
 def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
@@ -170,6 +175,14 @@ def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> f
         if size > 0.0:
             turning += float((field[slice_] * tangents).sum()) ** 2 / size
     return turning / float((field**2).sum())
+
+
+def _stretching_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
+    """Share of a displacement field that moves its cross-sections along an axis as a whole: one shift per slice."""
+    order = np.argsort(places @ axis, kind="stable")
+    shifts = (field @ axis)[order]
+    whole = sum(float(slice_.sum()) ** 2 / max(1, len(slice_)) for slice_ in np.array_split(shifts, SLICES))
+    return whole / float((field**2).sum())
 
 
 def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from headstock.geometry.machines import Pose
 from headstock.reduction.body_motions import join_names
 from headstock.reduction.coupling import couple
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
@@ -52,6 +54,17 @@ def test_a_component_that_deforms_is_named_with_its_direction(soft, expected):
     result = named(lumped_machine([column], [joint_between("foot", "ground", "column.foot", held=range(6))]), count=1)
     assert result.names[0].startswith(expected)
     assert result.strain_shares[0]["column"] > 0.9
+
+
+def test_a_stout_column_bends_twists_and_stretches(make_box, make_component):
+    column = make_component({"foot": "rigid", "tip": "average"}, modes=12, name="column", size=(0.4, 0.36, 0.9))
+    mesh = make_box((2, 2, 4), (0.4, 0.36, 0.9), {"foot": "z-", "tip": "z+"}, kind="hex27")
+    superelement = reduce_elastic(column, mesh, comm=MPI.COMM_SELF)
+    names = named(
+        lumped_machine([(column, superelement)], [joint_between("foot", "ground", "column.foot", held=range(6))]), count=6
+    ).names
+    assert names[:3] == ("column bends Y", "column bends X", "column twists C")
+    assert names.count("column stretches Z") == 1
 
 
 def test_names_do_not_change_from_run_to_run():
