@@ -24,6 +24,31 @@ class JointEnd:
         return GROUND if self.component is None else f"{self.component}.{self.interface}"
 
 
+@dataclass(frozen=True)
+class ScrewShaft:
+    """The shaft of a ball screw, from the fixed bearing at the joint's second end to the nut at its first.
+
+    Attributes:
+        axial: Young's modulus times area [N].
+        torsional: Shear modulus times polar second moment of area [N m^2].
+        lead: Travel per turn [m]; zero where the shaft's twist is not to be seen.
+        bearing: Axial stiffness of the fixed bearing [N/m].
+        coupling: Torsional stiffness between the shaft and the motor, which is held [N m/rad].
+        far: A second fixed bearing, at the shaft's other end; None where that end floats.
+        far_bearing: Its axial stiffness [N/m].
+        length: Of the shaft between both bearings [m]; infinite without a second one.
+    """
+
+    axial: float
+    torsional: float
+    lead: float = 0.0
+    bearing: float = np.inf
+    coupling: float = np.inf
+    far: JointEnd | None = None
+    far_bearing: float = np.inf
+    length: float = np.inf
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """Two ends that are held together, freed or sprung in a joint frame.
@@ -42,6 +67,7 @@ class Joint:
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
         point: ``(3,)`` joint point [m] or None.
         length: Length of the carriage on a rail [m]; None for a joint between fixed interfaces.
+        screw: Shaft between the ends of a ball screw, in series with its nut: the stiffness changes with the axis position.
         loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the stiffness [-].
     """
 
@@ -54,6 +80,7 @@ class Joint:
     damping: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     point: FloatArray | None = None
     length: float | None = None
+    screw: ScrewShaft | None = None
     loss_factor: float = 0.0
 
 

@@ -1,16 +1,18 @@
 """What each kind of joint holds, frees and springs, and the 6x6 matrices its scene keys stand for."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
-from headstock.geometry.joints import Joint
-from headstock.pipeline.schema_connections import JointTable
+from headstock.geometry.joints import Joint, ScrewShaft
+from headstock.pipeline.schema_connections import JointTable, ScrewTable
 from headstock.pipeline.units import DAMPING, ROTATIONAL_DAMPING, ROTATIONAL_STIFFNESS, STIFFNESS, Quantity
 
 RIGID = "rigid"
+SCREW_STEEL = (210e9, 0.3)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
 _DIMENSIONS = {
     ("stiffness", False): STIFFNESS,
     ("stiffness", True): ROTATIONAL_STIFFNESS,
@@ -100,12 +102,34 @@ def find_joint_faults(table: JointTable) -> list[JointFault]:
             faults.add(f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}', "stiffness")
     if table.kind == "spring" and not table.stiffness and not table.damping:
         faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
+    if table.screw is not None:
+        _check_screw(table, faults)
     if table.loss_factor and not any(isinstance(value, Quantity) for value in table.stiffness.values()):
         faults.add("there is no stiffness that it could be a share of; remove it or give a stiffness", "loss_factor")
     for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
         for key, value in values.items():
             _check_value(table, rule, part, key, value, faults)
     return faults.found
+
+
+def _check_screw(table: JointTable, faults: _Faults) -> None:
+    if table.kind != "ball_screw":
+        faults.add(f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"', "screw")
+    if table.stiffness.get("axial") == RIGID:
+        faults.add(
+            'the nut of a screw with a shaft gives way; write its stiffness, such as axial = "500 N/um"', "stiffness", "axial"
+        )
+    if table.between[1].component is None:
+        faults.add("the second end is the interface that carries the screw's fixed bearing, not ground", "between")
+    far = None if table.screw is None else table.screw.far
+    if far is not None and far.component == table.between[0].component:
+        text = "is on the component of the first end, which is the nut's; name the nut's interface first and the bearing's second"
+        faults.add(text, "screw", "far")
+    if table.length is not None:
+        faults.add("the nut has a shaft of its own, so it slides on no rail; remove length or screw", "length")
+    nu = None if table.screw is None else table.screw.nu
+    if nu is not None and not -1.0 < nu < 0.5:
+        faults.add(f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3", "screw", "nu")
 
 
 def _check_value(table: JointTable, rule: JointKindRule, part: str, key: str, value: Quantity | str, faults: _Faults) -> None:
@@ -175,8 +199,35 @@ def build_joint(name: str, table: JointTable) -> Joint:
         damping=damping,
         point=None if table.at is None else np.array(table.at),
         length=table.length,
+        screw=None if table.screw is None else build_shaft(table.screw),
         loss_factor=table.loss_factor,
     )
+
+
+def build_shaft(table: ScrewTable) -> ScrewShaft:
+    """The shaft of a ball screw, of steel unless the table says otherwise."""
+    modulus = SCREW_STEEL[0] if table.E is None else table.E
+    shear = modulus / (2.0 * (1.0 + (SCREW_STEEL[1] if table.nu is None else table.nu)))
+    return ScrewShaft(
+        axial=modulus * math.pi / 4.0 * (table.diameter**2 - table.bore**2),
+        torsional=shear * math.pi / 32.0 * (table.diameter**4 - table.bore**4),
+        lead=table.lead or 0.0,
+        bearing=table.bearing or math.inf,
+        coupling=table.coupling or math.inf,
+        far=table.far,
+        far_bearing=table.far_bearing or math.inf,
+        length=table.length or math.inf,
+    )
+
+
+def tie_bearings(name: str, joint: Joint) -> Joint | None:
+    """The shaft of a screw as a tie between its two fixed bearings, whatever the nut does; None with a single one."""
+    shaft = joint.screw
+    if shaft is None or shaft.far is None:
+        return None
+    stiffness = np.zeros((6, 6))
+    stiffness[0, 0] = 1.0 / (1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.far_bearing)
+    return Joint(name, (joint.ends[1], shaft.far), "spring", rotation=joint.rotation, stiffness=stiffness)
 
 
 def connects(joint: Joint) -> bool:

@@ -16,7 +16,7 @@ from headstock.pipeline.component_builder import (
     build_solid,
 )
 from headstock.pipeline.effects import read_gravity
-from headstock.pipeline.joint_kinds import build_joint, connects
+from headstock.pipeline.joint_kinds import build_joint, connects, tie_bearings
 from headstock.pipeline.machine_graph import Edge, moved_components
 from headstock.pipeline.rail_checks import choose_stations
 from headstock.pipeline.scene_schema import SceneTable
@@ -36,7 +36,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         The machine, set up in the orientation the scene asks for.
     """
     components = _build_components(scene, folder)
-    joints = {key: build_joint(key, table) for key, table in scene.joints.items()}
+    joints = _build_joints(scene, components)
     supports = {key: _build_support(key, table, components) for key, table in scene.supports.items()}
     machine = Machine(
         name=name,
@@ -75,6 +75,17 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
         )
         for name, table in scene.components.items()
     }
+
+
+def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[str, Joint]:
+    """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie between them."""
+    joints: dict[str, Joint] = {}
+    for key, table in scene.joints.items():
+        joints[key] = build_joint(key, table)
+        tie = tie_bearings(f"{key}_shaft", joints[key])
+        if tie is not None and any(components[end.component or ""].fidelity != "rigid" for end in tie.ends):
+            joints[tie.name] = tie
+    return joints
 
 
 def _build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:

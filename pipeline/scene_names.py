@@ -96,6 +96,8 @@ def _check_joints(scene: SceneTable, names: SceneNames, findings: Findings) -> N
         key: KeyPath = ("joints", name, "between")
         for index, end in enumerate(joint.between):
             _check_end((*key, index), end, names, findings)
+        if joint.screw is not None and joint.screw.far is not None:
+            _check_end(("joints", name, "screw", "far"), joint.screw.far, names, findings)
         first, second = joint.between
         if first.component == second.component:
             what = f"component {first.component!r}" if first.component else "ground"

@@ -18,13 +18,47 @@ from headstock.pipeline.schema_types import (
     Moment,
     Name,
     Names,
+    NotNegativeLength,
+    Number,
     Position,
     PositiveLength,
+    PositivePressure,
+    PositiveRotationalStiffness,
+    PositiveStiffness,
     Pressure,
     StrictTable,
     Text,
     problem,
 )
+
+
+class ScrewTable(StrictTable):
+    """The shaft of a ball screw between its bearings; the motor is held."""
+
+    diameter: PositiveLength
+    bore: NotNegativeLength = 0.0
+    E: PositivePressure | None = None
+    nu: Number | None = None
+    lead: PositiveLength | None = None
+    bearing: PositiveStiffness | None = None
+    coupling: PositiveRotationalStiffness | None = None
+    far: End | None = None
+    far_bearing: PositiveStiffness | None = None
+    length: PositiveLength | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.bore >= self.diameter:
+            raise problem(f"its bore of {self.bore:g} m is not smaller than its diameter of {self.diameter:g} m")
+        if (self.far is None) != (self.length is None):
+            raise problem(
+                'a second fixed bearing needs the shaft\'s length between both, and only it does; write far = "bed.bearing_2", length = "900 mm"'
+            )
+        if self.far is None and self.far_bearing is not None:
+            raise problem('there is no second bearing; write far = "bed.bearing_2" too')
+        if self.coupling is not None and self.lead is None:
+            raise problem('a coupling gives way along the thread only; write lead = "10 mm" too')
+        return self
 
 
 class JointTable(StrictTable):
@@ -48,6 +82,7 @@ class JointTable(StrictTable):
     normal: Direction | None = None
     at: Position | None = None
     length: PositiveLength | None = None
+    screw: ScrewTable | None = None
     stiffness: dict[Name, JointStiffness] = {}
     damping: dict[Name, JointDamping] = {}
     loss_factor: LossFactor = 0.0

@@ -82,6 +82,9 @@ PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSIT
 PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, _describe(units.MEMORY)]
 PositiveForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, _describe(units.FORCE)]
 PositiveStiffness = Annotated[float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, _describe(units.STIFFNESS)]
+PositiveRotationalStiffness = Annotated[
+    float, BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)), _POSITIVE, _describe(units.ROTATIONAL_STIFFNESS)
+]
 Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _describe(units.FORCE)]
 Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), _describe(units.MOMENT)]
 Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), _describe(units.ACCELERATION)]

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rotate_dofs
-from headstock.geometry.joints import Joint, JointEnd
+from headstock.geometry.joints import Joint, JointEnd, ScrewShaft
 from headstock.geometry.machines import Machine
 from headstock.reduction.constraint_elimination import Elimination
 from headstock.reduction.dof_layout import DofLayout, is_rail, locate_interface, motion_rows
+from headstock.reduction.screw_stiffness import place_screw
 from headstock.solvers.errors import ModelError
 
 ROUNDOFF = 4.0 * float(np.finfo(float).eps)
@@ -71,7 +72,21 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSprin
     except ModelError as error:
         raise ModelError(f"joint {joint.name!r}: {error}") from error
     rows = rotate_dofs(frame.rotation).T @ (second - first)
-    return JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+    spring = JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+    return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
+
+
+def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: JointSpring, layout: DofLayout) -> JointSpring:
+    """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the axial motion."""
+    axis = spring.frame.rotation[:, 0]
+    distance = float(abs((spring.frame.origin - locate_interface(layout, joint.ends[1])) @ axis))
+    placed = place_screw(joint, shaft, distance)
+    rows = spring.rows
+    if shaft.far is not None:
+        near, far = (axis @ motion_rows(layout, end, spring.frame.origin)[:3] for end in (joint.ends[1], shaft.far))
+        rows = rows.copy()
+        rows[0] += placed.far_share * (far - near)
+    return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
 
 
 def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirection, ...]:

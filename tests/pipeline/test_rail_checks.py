@@ -1,5 +1,6 @@
 """Scenes with rails: what they build, and every way in which a carriage can be wrong."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -92,5 +93,55 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
 def test_a_carriage_that_cannot_be_is_named_with_its_remedy(tmp_path, old, new, key, message):
     with pytest.raises(SceneError) as caught:
         load(tmp_path, (old, new))
+    matching = [problem for problem in caught.value.problems if problem.key == key and message in problem.message]
+    assert matching, str(caught.value)
+
+
+SHAFT = 'screw = { diameter = "20 mm", lead = "5 mm", bearing = "400 N/um", coupling = "10 kN m/rad" }\n'
+ENDS = '"bed.foot", "slide.block"]\nkind = "ball_screw"\naxis = "x"\n'
+
+
+def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(tmp_path):
+    far = SHAFT.replace(" }", ', far = "bed.foot", length = "500 mm" }')
+    nut_first = ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"')
+    machine = load(tmp_path, (ENDS, nut_first + far)).machine
+    shaft = machine.joints["screw"].screw
+    assert shaft is not None
+    area, polar = math.pi * 0.02**2 / 4.0, math.pi * 0.02**4 / 32.0
+    assert (shaft.axial, shaft.torsional) == (pytest.approx(210e9 * area), pytest.approx(210e9 / 2.6 * polar))
+    assert machine.joints["screw_shaft"].stiffness[0, 0] == pytest.approx(1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area)))
+    rigid = (
+        'material = "steel"\n[components.bed.interfaces]',
+        'material = "steel"\nfidelity = "rigid"\n[components.bed.interfaces]',
+    )
+    assert "screw_shaft" not in load(tmp_path, (ENDS, nut_first + far), rigid).machine.joints
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message"),
+    [
+        (SHAFT, SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'), "joints.screw.screw", "bore of 0.025 m"),
+        (SHAFT, SHAFT.replace('lead = "5 mm", ', ""), "joints.screw.screw", "a coupling gives way along the thread only"),
+        (SHAFT, SHAFT.replace(" }", ', far = "bed.foot" }'), "joints.screw.screw", "needs the shaft's length"),
+        (SHAFT, SHAFT.replace(" }", ', far = "bed.end", length = "1 m" }'), "joints.screw.screw.far", "no interface 'end'"),
+        (SHAFT, SHAFT.replace(" }", ', far = "slide.top", length = "1 m" }'), "joints.screw.screw.far", "which is the nut's"),
+        (SHAFT, SHAFT + 'length = "20 mm"\n', "joints.screw.length", "slides on no rail"),
+        (SHAFT, SHAFT.replace('"400 N/um"', '"400 N/um", nu = 0.7'), "joints.screw.screw.nu", "is 0.7 but a Poisson ratio"),
+        ('axial = "100 N/um"', 'axial = "rigid"', "joints.screw.stiffness.axial", "the nut of a screw with a shaft gives way"),
+        ('"slide.block", "bed.foot"', '"slide.block", "ground"', "joints.screw.between", "not ground"),
+        (SHAFT, "", "joints.guide.screw", "a linear_guide has no screw"),
+    ],
+)
+def test_a_screw_that_cannot_be_is_named_with_its_remedy(tmp_path, old, new, key, message):
+    text = GOOD.replace(ENDS, ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"') + SHAFT)
+    if not new:
+        new = old
+        text = text.replace('length = "60 mm"\n', 'length = "60 mm"\n' + SHAFT)
+    else:
+        assert text.count(old) == 1
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
     matching = [problem for problem in caught.value.problems if problem.key == key and message in problem.message]
     assert matching, str(caught.value)
