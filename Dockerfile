@@ -1,7 +1,7 @@
 # Headstock in a container of its own; elsewhere ./headstock needs none.
 #
 #   docker build -t headstock .
-#   docker run --rm -v "$PWD:/work" -w /work headstock run scene.toml
+#   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" -w /work headstock run scene.toml
 FROM debian:13
 COPY environment/packages.txt /tmp/packages.txt
 RUN apt-get update \
@@ -9,7 +9,7 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/* /tmp/packages.txt
 COPY . /opt/headstock
 # bytecode beforehand, because an ordinary user may not write there
-RUN useradd --create-home somebody && python3 -m compileall -q /opt/headstock
+RUN useradd --create-home somebody && chmod -R a+rX /opt/headstock && python3 -m compileall -q /opt/headstock
 USER somebody
 ENTRYPOINT ["/opt/headstock/headstock"]
 CMD ["--help"]

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import jinja2
+
 from headstock.app.frf_tables import tabulate_response
 from headstock.app.pictures import Drawing, draw_machine, draw_pictures, stills_by_pose
-from headstock.app.report import write_report
+from headstock.app.report import render_report, write_report
 from headstock.app.summary_tables import encode_csv, list_tables
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.mode_files import write_mode_files
-from headstock.pipeline.result_files import OutputError, write_output
+from headstock.pipeline.result_files import SUMMARY_FILE, OutputError, write_output
 from headstock.pipeline.results import Json
 from headstock.pipeline.store import Store, default_store_root
 
@@ -48,8 +50,16 @@ def publish_again(folder: Path, summary: Json, view: MachineView, curves: Sequen
     """The same from the files of a run, with the pictures of all modes and every chart; remarks for the user.
 
     Raises:
-        OutputError: A file cannot be written.
+        OutputError: The summary is not one that this version writes, or a file cannot be written.
     """
+    try:
+        list_tables(summary)
+        render_report(summary, view)
+    except (LookupError, TypeError, ValueError, AttributeError, jinja2.TemplateError) as error:
+        # before anything is overwritten: the file may be edited, or of another version
+        raise OutputError(
+            f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
+        ) from error
     remarks = publish_run(folder, summary, view, curves)
     drawn = draw_pictures(folder, "all")
     # the machine itself stays as it is in the report

@@ -46,6 +46,8 @@ def show_file(request: ShowRequest) -> int:
         MeshError: The STEP file cannot be read.
         click.UsageError: An option does not fit.
     """
+    if request.picture is not None and not request.picture.absolute().parent.is_dir():
+        raise click.UsageError(f"there is no folder {request.picture.parent} for the picture")
     if request.path.suffix.lower() in STEP_SUFFIXES:
         if request.component is not None:
             raise click.UsageError("--component goes with a scene; a STEP file takes --solid")

@@ -1,6 +1,7 @@
 """``headstock new``: a folder with a scene that runs as it is, for a box or for a STEP part of the user's own."""
 
 import dataclasses
+import os
 import shlex
 import shutil
 import tempfile
@@ -97,7 +98,9 @@ def start_scene(request: StartRequest) -> int:
     if doubt is not None:
         console.print(f"warning: {doubt}", style="yellow", markup=False)
     scene = folder / _scene_name(folder)
-    console.print(f"{scene} is ready; next: headstock run {shlex.quote(str(scene))}", markup=False, soft_wrap=True)
+    # as the reader types it: the launcher says how it was called
+    command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
+    console.print(f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}", markup=False, soft_wrap=True)
     return 0
 
 

@@ -12,6 +12,7 @@ from headstock.geometry.cad_faces import CadFace, Vector
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.solids import StepFile
 from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshJob
 from headstock.meshing.mesh_process import run_job
 
@@ -54,6 +55,8 @@ def survey_step(solid: StepFile, *, time_limit: float = TIME_LIMIT) -> CadSurvey
     Raises:
         MeshError: The file is missing, is no STEP file, holds no solid or several of which none was chosen.
     """
+    if not solid.path.is_file():
+        raise MeshError(f"{solid.path} is no regular file" if solid.path.exists() else f"there is no file {solid.path}")
     job = MeshJob("faces", {"kind": "StepFile", "path": str(solid.path), "solid": solid.solid}, unit=STEP_UNIT)
     data = run_job(job, what=solid.path.name, time_limit=time_limit)
     faces = tuple(_read_face(fields) for fields in data.faces)

@@ -149,13 +149,18 @@ def read_summary(folder: Path) -> Json:
     """
     path = folder / SUMMARY_FILE
     try:
-        return dict(json.loads(path.read_text()))
+        summary = json.loads(path.read_text())
     except OSError as error:
         raise OutputError(
             f"{path} cannot be read: {error.strerror or error}; `headstock run SCENE -o {folder}` writes it"
         ) from error
     except ValueError as error:
         raise OutputError(f"{path} is not a summary: {error}") from error
+    if not isinstance(summary, dict):
+        raise OutputError(
+            f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
+        )
+    return summary
 
 
 def read_view(folder: Path) -> MachineView:
@@ -179,15 +184,16 @@ def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
 def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
     path = folder / RESULTS_FILE
     remedy = f"`headstock run SCENE -o {folder}` writes it"
-    stated = read_summary(folder).get("files", {}).get(RESULTS_FILE, {}).get("sha256")
+    summary = read_summary(folder)
     try:
+        stated = summary["files"][RESULTS_FILE]["sha256"]
         if stated != _digest_of(path):
             raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT or "view" not in file:
                 raise OutputError(f"{path} holds no pictures; {remedy}")
             return read(file)
-    except (OSError, RecordError, KeyError, RuntimeError) as error:
+    except (OSError, RecordError, KeyError, TypeError, RuntimeError) as error:
         raise OutputError(f"{path} cannot be read: {error}; {remedy}") from error
 
 

@@ -405,6 +405,41 @@ def test_each_of_two_clones_runs_its_own_code_from_anywhere(tmp_path: Path) -> N
         assert Path(done.stdout.strip()).resolve() == folder / "geometry", done.stderr
 
 
+def test_a_checkout_without_its_links_is_told_apart_from_a_fault(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    (folder / ".typing" / "headstock" / "app").unlink()
+    (folder / ".typing" / "headstock" / "app").write_text("../../app")
+    done = direct(folder, "doctor", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "git config core.symlinks true" in done.stderr
+
+
+def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its_place(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "clone")
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    variables = {"XDG_CACHE_HOME": "/proc/self", "TMPDIR": str(temporary)}
+    done = direct(folder, "exec", "sh", "-c", "echo $XDG_CACHE_HOME", cwd=tmp_path, **variables)
+    spare = temporary / f"headstock-cache-{os.geteuid()}"
+    assert done.stdout.strip() == str(spare), done.stderr
+    assert "cannot be written" in done.stderr
+    assert spare.stat().st_mode & 0o777 == 0o700
+    shutil.rmtree(spare)
+    spare.symlink_to(tmp_path)
+    done = direct(folder, "exec", "true", cwd=tmp_path, **variables)
+    assert done.returncode == 1
+    assert "name a folder with XDG_CACHE_HOME" in done.stderr
+
+
+def test_every_pip_package_is_pinned_to_a_version_and_its_hashes() -> None:
+    for name in ("lint", "benchmarks"):
+        text = (ROOT / "environment" / f"{name}.txt").read_text().replace("\\\n", " ")
+        for line in (line for line in text.splitlines() if line and not line.startswith("#")):
+            package, *hashes = line.split()
+            assert "==" in package
+            assert hashes and all(word.startswith("--hash=sha256:") and len(word) == 78 for word in hashes)
+
+
 def test_a_link_to_the_launcher_runs_the_clone_it_points_to(tmp_path: Path) -> None:
     folder = clone(tmp_path / "clone")
     (tmp_path / "linked").symlink_to(folder / "headstock")

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import struct
 from pathlib import Path
 
@@ -102,6 +103,20 @@ def test_a_report_is_written_even_if_nothing_can_be_drawn(folder: Path, monkeypa
     (remark,) = publish_again(folder, read_summary(folder), read_view(folder))[-1:]
     assert "no pictures were drawn" in remark
     assert (folder / "report.html").stat().st_size > 500_000
+
+
+def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, report = folder / "summary.json", (folder / "report.html").read_bytes()
+    whole = path.read_text()
+    summary = json.loads(whole)
+    edited = ({**summary, "modal": [{"x": 1}]}, {**summary, "stages": 3}, {**summary, "files": 3}, [1], None, {})
+    for text in (whole[:-50], *(json.dumps(content) for content in edited)):
+        path.write_text(text)
+        capsys.readouterr()
+        assert main(["report", str(folder)]) == 1
+        message = capsys.readouterr().err
+        assert message.startswith("OutputError: ") and "internal error" not in message
+        assert (folder / "report.html").read_bytes() == report
 
 
 def test_a_spreadsheet_takes_no_text_of_a_scene_for_a_formula() -> None:

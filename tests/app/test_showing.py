@@ -1,6 +1,7 @@
 """``show`` and ``new``: a newcomer's first five minutes with a part of their own."""
 
 import json
+import os
 import tomllib
 from pathlib import Path
 
@@ -64,13 +65,16 @@ def test_a_new_box_scene_loads_and_names_what_it_computes(folder: Path) -> None:
     assert scene.warnings == ()
 
 
-def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_COMMAND", "my clone/headstock")
     assert main(["new", "mine", "--part", str(SUPPORT)]) == 0
     assert (folder / "mine" / "support.step").read_bytes() == SUPPORT.read_bytes()
     assert main(["check", "mine/mine.toml"]) == 0
     scene = load_scene(folder / "mine" / "mine.toml")
     assert set(scene.machine.components["part"].interfaces) == {"bottom", "top"}
-    assert "next: headstock run mine/mine.toml" in capsys.readouterr().out
+    assert "next: 'my clone/headstock' run mine/mine.toml" in capsys.readouterr().out
 
 
 def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder: Path) -> None:
@@ -125,10 +129,12 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsy
     ("arguments", "words"),
     [
         (["show", "missing.step"], "no file"),
+        (["show", "pipe.step"], "no regular file"),
         (["show", "missing.toml"], "missing.toml"),
         (["show", "part.step", "--component", "x"], "--component goes with a scene"),
     ],
 )
 def test_what_cannot_be_shown_is_named(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
+    os.mkfifo(folder / "pipe.step")
     assert main(arguments) in (1, 2)
     assert words in capsys.readouterr().err
