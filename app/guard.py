@@ -79,6 +79,8 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return PIPE_CLOSED, "the reader of the output closed it"
     if isinstance(error, OSError) and error.errno in LOST_OUTPUT and error.filename is None:
         return FAILED, f"OutputError: what is printed cannot be written: {error.strerror}"
+    if isinstance(error, OSError):
+        return FAILED, f"{type(error).__name__}: {error} (--debug shows where)"
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else FAILED, "stopped"
     if isinstance(error, MemoryError):

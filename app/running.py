@@ -49,6 +49,8 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
     """
     start = time.perf_counter()
     require_ranks(request.ranks, comm)
+    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
+        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
     scene = _load(request) if comm.rank == 0 else None
     scene = share_from_root(comm, scene)
     stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")

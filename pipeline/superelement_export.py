@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.result_files import OutputError
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.scene import Scene
@@ -31,6 +32,8 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
         ModelError: The scene has no such component.
         HeadstockError: The reduction or the file failed.
     """
+    if not path.absolute().parent.is_dir():
+        raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
     plan = plan_scene(scene)
     if component not in plan.components:
         raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
@@ -41,6 +44,9 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
     text = ""
     if state.is_root:
         superelement = state.reduced[component].superelement
-        write_superelement(path, superelement)
+        try:
+            write_superelement(path, superelement)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written: {error.strerror or error}; what was there before is as it was") from error
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

@@ -231,6 +231,7 @@ def test_an_unwritable_output_folder_ends_with_1_before_anything_is_computed(
         (["run", "{scene}", "--accuracy", "1%"], "not available in this version"),
         (["run", "{scene}", "--ranks", "3"], "start through ./headstock"),
         (["validate", "nonsense"], "nonsense"),
+        (["run", "{scene}", "--json", "/nonexistent/x.json"], "there is no folder /nonexistent"),
         (["run", "{scene}", "--nonsense"], "No such option"),
         (["test", "-k", "store"], "./headstock test"),
     ],
@@ -287,6 +288,12 @@ def test_output_that_nobody_takes_is_no_fault_of_the_program(scene_file: Path, r
     done = subprocess.run(["bash", "-c", f"exec 3>&2; {command}"], env=variables, capture_output=True, text=True, check=False)
     assert f"code {code}" in done.stderr
     assert done.stderr.replace(f"code {code}", "").strip() == said
+
+
+def test_an_export_that_cannot_be_written_is_named(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for path in ("/nonexistent/x.h5", "/proc/x.h5"):
+        assert main(["export", str(scene_file), "block", "-o", path]) == 1
+        assert f"OutputError: {path} cannot be written" in capsys.readouterr().err
 
 
 def test_an_interrupt_ends_with_130() -> None:
