@@ -25,6 +25,7 @@ from headstock.pipeline.target_files import LoadedTask
 from headstock.reduction.superelement import Superelement
 
 COMPONENT_STAGES = ("mesh", "reduce", "rigid", "segment", "load")
+UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
 
 
@@ -198,13 +199,15 @@ def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
 
 def _fitted(problem: FitProblem, point: FitPoint, statistics: FitStatistics) -> tuple[FittedParameter, ...]:
     reach = statistics.quantile * statistics.sigmas
-    value, low, high = (problem.values(x) for x in (point.coordinates, point.coordinates - reach, point.coordinates + reach))
+    known = reach < UNKNOWN
+    ends = (point.coordinates + side * np.where(known, reach, 0.0) for side in (0.0, -1.0, 1.0))
+    value, low, high = (problem.values(end) for end in ends)
     return tuple(
         FittedParameter(
             parameter=parameter,
             value=value[parameter.name],
-            low=low[parameter.name] if np.isfinite(reach[index]) else np.nan,
-            high=high[parameter.name] if np.isfinite(reach[index]) else np.nan,
+            low=low[parameter.name] if known[index] else np.nan,
+            high=high[parameter.name] if known[index] else np.nan,
             seen=float(statistics.seen[index]),
             at_bound=_at_bound(problem, point.coordinates, index),
         )

@@ -1,8 +1,9 @@
 """A small machine whose springs are known, and targets computed from them: what an identification must find again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
@@ -10,6 +11,7 @@ from headstock.pipeline.identification import prepare_problem
 from headstock.pipeline.identification_problem import FitPoint, FitProblem, evaluate
 from headstock.pipeline.store import Store
 from headstock.pipeline.target_files import load_targets
+from headstock.pipeline.units import DIMENSIONS, parse_quantity
 
 SCENE = """
 [materials.steel]
@@ -77,13 +79,19 @@ stiffness = { axial = "60 N/um" }
 [joints.feet]
 between = ["ground", "base.bottom"]
 kind = "spring"
-stiffness = { x = "90 N/um", y = "110 N/um", z = "200 N/um", rx = "20e6 N m/rad", ry = "25e6 N m/rad", rz = "18e6 N m/rad" }
+stiffness = { x = "90 N/um", y = "110 N/um", z = "140 N/um", rx = "20e6 N m/rad", ry = "25e6 N m/rad", rz = "18e6 N m/rad" }
+[joints.pad]                                       # beside the feet: only the sum of both is felt
+between = ["ground", "base.bottom"]
+kind = "spring"
+stiffness = { z = "60 N/um" }
 [points]
 tcp = { tool = "slider.tool", work = "ground" }
 [axes.X]
 joints = ["guide_1", "guide_2", "guide_3", "guide_4", "drive"]
 direction = "x"
 [poses.middle]
+[poses.back]
+X = "-150 mm"
 [poses.out]
 X = "150 mm"
 [variants.stiff]
@@ -134,3 +142,55 @@ def prepare_text(folder: Path, targets: str) -> FitProblem:
 def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
     """The machine with true values, SI, by parameter."""
     return evaluate(problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters]))
+
+
+MEASURED = {
+    "middle": ("stiff", "middle"),
+    "out": ("stiff", "out"),
+    "back": ("stiff", "back"),
+    "column_middle": (None, "middle"),
+    "column_back": (None, "back"),
+}
+FREQUENCIES = 12
+
+
+def true_values() -> dict[str, float]:
+    """True stiffnesses, SI."""
+    return {name: parse_quantity(f"{value!r} {unit}", *DIMENSIONS).value for name, (_, value, unit) in STIFFNESSES.items()}
+
+
+def solve_measured(folder: Path) -> FitPoint:
+    """The machine with its true stiffnesses in every case that is measured."""
+    blank = write_cases([np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED), [np.full(3, 1e-9)] * len(MEASURED))
+    return solve_truth(prepare_text(folder, blank + write_parameters()), true_values())
+
+
+def measure(truth: FitPoint, seed: int, noise: float) -> str:
+    """Cases of a target file with relative noise on every frequency and compliance.
+
+    Args:
+        truth: From ``solve_measured``.
+        seed: Of the noise.
+        noise: Standard deviation, relative.
+    """
+    rng = np.random.default_rng(seed)
+    frequencies = [_disturb(state.frequencies_hz[:FREQUENCIES], noise, rng) for state in truth.states]
+    compliances = [_disturb(state.compliances, noise, rng) for state in truth.states]
+    return write_cases(frequencies, compliances)
+
+
+def _disturb(values: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(values * np.exp(noise * rng.standard_normal(len(values))))
+
+
+def write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:
+    """Cases with frequencies [Hz] and compliances at the tool in x, y, z [m/N]."""
+    text = ""
+    for (name, (variant, pose)), frequencies, values in zip(MEASURED.items(), frequencies_hz, compliances, strict=True):
+        entries = ", ".join(
+            f'{{ point = "tcp", motion = "{axis}", force = "{axis}", value = "{1e9 * value!r} um/kN" }}'
+            for axis, value in zip("xyz", map(float, values), strict=True)
+        )
+        head = f'[cases.{name}]\npose = "{pose}"\n' + (f'variant = "{variant}"\n' if variant else "")
+        text += f"{head}frequencies = {write_frequencies(frequencies)}\ncompliances = [{entries}]\n"
+    return text
