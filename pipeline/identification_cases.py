@@ -208,8 +208,9 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     value = state.values[parameter.name]
     step = STEP * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
-    # levers are linear in every place, so that one pair is exact unless matrices of components change too or carriages move on rails
-    curved = touched.matrices or any(part.rails for part in state.model.parametric.superelements.values())
+    # levers are linear in every place, so that one pair is exact but for matrices of components, carriages on rails and screws
+    rails = any(part.rails for part in state.model.parametric.superelements.values())
+    curved = touched.matrices or rails or any(joint.screw is not None for joint in joints.values())
     for reach, weight in FOURTH_ORDER if curved else SECOND_ORDER:
         after, before = (
             _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted) for side in (1.0, -1.0)

@@ -29,7 +29,7 @@ class Touched:
     Attributes:
         components: By name.
         joints: By name: their stiffness or their own place.
-        stiffness_only: Nothing but stiffnesses of joints.
+        stiffness_only: Nothing but stiffnesses of joints, none of them in series with a screw.
         matrices: The superelement of a component changes too, not only places.
     """
 
@@ -149,7 +149,9 @@ def _find_touched(parameter: str, components: dict[str, ParametricComponent], jo
     return Touched(
         components=found,
         joints=tuple(name for name, laws in moved.items() if laws),
-        stiffness_only=not found and all(law.key[2] == "stiffness" for laws in moved.values() for law in laws),
+        stiffness_only=not found
+        and all(law.key[2] == "stiffness" for laws in moved.values() for law in laws)
+        and all(joints[name].written.screw is None for name, laws in moved.items() if laws),
         matrices=any(not moves(law) for laws in mine.values() for law in laws),
     )
 

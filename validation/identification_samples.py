@@ -96,6 +96,11 @@ X = "-150 mm"
 X = "150 mm"
 [variants.stiff]
 "components.column.fidelity" = "rigid"
+[variants.screw]                                   # the drive's nut on a shaft from a bearing at the end of the guide
+"components.column.fidelity" = "rigid"
+"components.column.interfaces.side" = { face = "x-", rect = { center = ["0 mm", "480 mm"], size = ["40 mm", "40 mm"] } }
+"joints.drive.between" = ["slider.bottom", "column.side"]
+"joints.drive.screw" = { diameter = "12 mm" }
 [variants.turned]                                  # the column leans on a slanted base
 "components.column.rotate" = { axis = "y", angle = "12 deg" }
 "components.slider.rotate" = [{ axis = "z", angle = "30 deg" }, { axis = "x", angle = "-20 deg" }]

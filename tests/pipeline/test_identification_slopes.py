@@ -84,3 +84,30 @@ def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant
     assert (scale > 0.0).all()
     worst = np.abs(exact - expected).max(axis=0) / scale
     assert dict(zip(PARAMETERS, worst, strict=True)) == {name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS}
+
+
+SCREW = """
+[fit]
+modes_above = "20 Hz"
+[cases.stiff]
+variant = "{variant}"
+frequencies = ["50 Hz", "60 Hz", "70 Hz", "90 Hz", "110 Hz"]
+compliances = [{{ point = "tcp", motion = "x", force = "x", value = "65 um/kN" }}]
+[parameters.nut]
+keys = ["joints.drive.stiffness.axial"]
+bounds = ["10 N/um", "800 N/um"]
+[parameters.place]
+shifts = ["components.slider.at[0]", "joints.drive.at[0]", "joints.guide_*.at[0]"]
+bounds = ["-50 mm", "50 mm"]
+scale = "linear"
+"""
+
+
+def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: Path) -> None:
+    """The joint's stiffness is no longer the number in the scene: it follows the screw's free length too."""
+    problem = prepare_text(tmp_path, SCREW.format(variant="screw"))
+    place = problem.coordinates([parameter.start for parameter in problem.parameters])
+    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    assert exact == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    bare = data_jacobian(prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place))
+    assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()
