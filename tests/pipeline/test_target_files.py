@@ -1,5 +1,6 @@
 """A target file that cannot be used is answered with every problem at once, each with its place and what to write."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.target_files import LoadedTask, load_targets
 from headstock.validation.identification_samples import SCENE
 
+ROOT = Path(__file__).resolve().parents[2]
 GOOD = """name = "good"
 [fit]
 modes_above = "5 Hz"
@@ -59,7 +61,7 @@ def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
     ("old", "new", "key", "message"),
     [
         ('"stiff"', '"stif"', "cases.a.variant", "did you mean 'stiff'?"),
-        ('"out"', '"away"', "cases.a.pose", "unknown pose 'away'; poses: middle, out"),
+        ('"out"', '"away"', "cases.a.pose", "unknown pose 'away'; poses: back, middle, out"),
         ('"60 Hz"', '"60 rad/s"', "cases.a.frequencies[0]", "not a frequency"),
         ('"60 Hz"', '"4 Hz"', "cases.a", "lies below modes_above (5 Hz)"),
         ("tcp = [0, 1, 0]", "tip = [0, 1, 0]", "cases.a.modes[0].vectors.tip", "unknown point 'tip'"),
@@ -99,6 +101,15 @@ def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, key: 
     matching = [problem for problem in found if problem.key == key and message in problem.message]
     assert matching, "\n".join(str(problem) for problem in found)
     assert all(problem.place.startswith(f"{tmp_path / 'targets.toml'}:") for problem in matching)
+
+
+def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "identification.md").read_text(), re.DOTALL)
+    targets = tmp_path / "targets.toml"
+    targets.write_text(example)
+    task = load_targets(targets, ROOT / "machines" / "three_axis.toml").task
+    assert [len(case.modes) for case in task.cases] == [3, 3]
+    assert [len(parameter.rules) for parameter in task.parameters] == [4, 4, 4, 7]
 
 
 def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
