@@ -1,6 +1,7 @@
 """``headstock compare``: variants of a scene side by side, as one table, and as JSON, CSV, figures and a page."""
 
 import contextlib
+import dataclasses
 import tempfile
 import time
 from collections.abc import Iterator
@@ -60,6 +61,7 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
     """
     start = time.perf_counter()
     require_ranks(request.ranks, comm)
+    request = share_from_root(comm, _with_settings(request) if comm.rank == 0 else None)
     choices = share_from_root(comm, _choose(request) if comm.rank == 0 else None)
     folder = request.output or Path("results") / f"{request.scene.stem}-compare"
     with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
@@ -70,6 +72,19 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
             print_effort(summary)
             print(f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})")
     return int(share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE))
+
+
+def _with_settings(request: CompareRequest) -> CompareRequest:
+    """What the command line leaves open, as the scene's own table has it."""
+    settings = load_scene(request.scene, overrides=request.overrides).compare
+    return dataclasses.replace(
+        request,
+        variants=request.variants or settings.variants,
+        fidelities=request.fidelities or settings.fidelities,
+        pose=request.pose or settings.pose,
+        # a reference of the scene may be no column of what was asked for on the command line
+        reference=request.reference or (None if request.variants or request.fidelities else settings.reference),
+    )
 
 
 def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:

@@ -24,6 +24,11 @@ NOTES = {
     "Scene.name": "heading of the results; the file's name unless given",
     "Scene.variants": 'named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; '
     "`--variant A+B` applies `A`, then `B`",
+    "Scene.compare": "see [variants side by side](comparing.md)",
+    "Compare.variants": 'columns, `A+B` for joined variants, `as written` for none; all unless given',
+    "Compare.fidelity": "each variant once with its elastic and segmented components at each of them",
+    "Compare.pose": "the first unless given",
+    "Compare.reference": "column the others are held against; the richest unless given",
     "Scene.poses": 'axis positions: `X = "10 mm"`; axes left out are at zero; without any pose there is one, `reference`, at zero',
     "Scene.drives": "accepted and not used in this version",
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "

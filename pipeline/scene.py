@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from headstock.geometry.components import Fidelity
 from headstock.geometry.exechon_poses import MountedExechon
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
@@ -80,6 +81,23 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class CompareSettings:
+    """What ``headstock compare`` shows unless it is told otherwise.
+
+    Attributes:
+        variants: Columns, ``A+B`` for joined variants and ``as written`` for none; empty for all.
+        fidelities: Each variant once with its elastic parts at each of them; empty for as they are.
+        pose: Pose name; None for the first.
+        reference: Column the others are held against; None for the richest.
+    """
+
+    variants: tuple[str, ...] = ()
+    fidelities: tuple[Fidelity, ...] = ()
+    pose: str | None = None
+    reference: str | None = None
+
+
+@dataclass(frozen=True)
 class LegSprings:
     """Springs of each leg of a lumped mechanism.
 
@@ -129,6 +147,7 @@ class Scene:
         analyses: What is to be computed.
         effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
+        compare: Which of them are held side by side.
         raw: Parsed TOML after overrides.
         limits: What a run may cost.
         warnings: What is allowed but looks wrong, each with its place.
@@ -152,6 +171,7 @@ class Scene:
     studies: dict[str, Study] = field(default_factory=dict)
     mechanism: SceneMechanism | None = None
     modal_damping: tuple[float, ...] = ()
+    compare: CompareSettings = field(default_factory=CompareSettings)
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:

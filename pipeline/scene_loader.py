@@ -10,7 +10,7 @@ from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.rail_checks import check_carriages
-from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene
@@ -77,6 +77,9 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
+        compare=CompareSettings(
+            tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference
+        ),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 from headstock.geometry.joints import GROUND, JointEnd
 from headstock.pipeline.scene import TOOL_AXES
 from headstock.pipeline.scene_errors import Findings, suggest_names
-from headstock.pipeline.scene_overrides import path_exists, split_variant
+from headstock.pipeline.scene_overrides import AS_WRITTEN, path_exists, split_variant
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.schema_studies import FamilyTable, StudyTable
@@ -156,6 +156,18 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
     _check_poses("frf", frf.poses if frf else None, names, findings)
     _check_poses("static", static.poses if static else None, names, findings)
     _check_poses("modal", modal.poses if modal else None, names, findings)
+    _check_compare(scene, names, findings)
+
+
+def _check_compare(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    for index, choice in enumerate(scene.compare.variants or ()):
+        for variant in (part for part in split_variant(choice) if choice != AS_WRITTEN and part not in scene.variants):
+            hint = suggest_names(variant, scene.variants, what="variants")
+            findings.add(
+                ("compare", "variants", index), f"unknown variant {variant[:80]!r}; {hint}; {AS_WRITTEN!r} is the scene itself"
+            )
+    if scene.compare.pose is not None and (scene.compare.pose != "reference" or names.sections.get("poses")):
+        _check_name(("compare", "pose"), scene.compare.pose, "poses", names, findings)
 
 
 def _check_study(name: str, study: StudyTable, scene: SceneTable, raw: Mapping[str, Any], findings: Findings) -> None:

@@ -28,6 +28,7 @@ ENTRY_SECTIONS = frozenset(
     }
 )
 MAX_OVERRIDES = 1000
+AS_WRITTEN = "as written"  # the scene without any variant, where variants are listed
 VARIANT_JOINER = "+"
 _LIST_PLACE = re.compile(r"\[(\d{1,5})\]")
 

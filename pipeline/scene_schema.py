@@ -1,6 +1,6 @@
 """Schema of a whole scene file, and its JSON schema."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
@@ -81,6 +81,15 @@ class SweepTable(StrictTable):
     axes: Annotated[dict[Name, Span], Field(min_length=1)]
 
 
+class CompareTable(StrictTable):
+    """What `headstock compare` shows unless the command line says otherwise."""
+
+    variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
+    fidelity: Annotated[list[Literal["rigid", "segmented", "elastic"]], Field(min_length=1, max_length=3)] | None = None
+    pose: Text | None = None
+    reference: Text | None = None
+
+
 class LimitsTable(StrictTable):
     """What a run may cost."""
 
@@ -110,6 +119,7 @@ class SceneTable(StrictTable):
     probes: dict[Name, ProbeTable] = {}
     mechanism: MechanismTable | None = None
     variants: dict[Name, dict[str, Any]] = {}
+    compare: CompareTable = CompareTable()
     poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
     sweeps: dict[Name, SweepTable] = {}
     studies: dict[Name, StudyTable] = {}

@@ -30,7 +30,7 @@ from headstock.pipeline.study_points import Study, StudyPoint, expand_study, mak
 from headstock.pipeline.study_records import StudyRecord, append_record, read_records
 
 # of no influence on a point's results
-IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants")
+IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 PACKAGES = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction, headstock.pipeline)
 FILE_KEYS = ("step", "mesh", "superelement")
 Measure = Callable[[Scene, Results], Json]

@@ -8,9 +8,8 @@ from headstock.geometry.solids import SuperelementFile
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.scene_overrides import AS_WRITTEN
 from headstock.pipeline.variant_solving import VariantChoice
-
-AS_WRITTEN = "as written"
 
 
 def choose_variants(

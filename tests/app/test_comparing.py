@@ -111,6 +111,17 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
     assert not (tmp_path / "store").exists()
 
 
+def test_a_scene_says_itself_what_to_compare_and_the_command_line_comes_first(scene: Path, tmp_path: Path) -> None:
+    scene.write_text(SCENE + '[compare]\nvariants = ["thick", "R"]\npose = "home"\nreference = "R"\n')
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out)]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    assert list(summary["variants"]) == ["thick", "R"] and summary["reference"] == "R"
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "thick,as written"]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    assert list(summary["variants"]) == ["thick", "as written"] and summary["reference"] == "thick"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
