@@ -1,0 +1,143 @@
+"""Milling forces of a helical end mill by slices, with linear chip and edge coefficients and runout.
+
+``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h = f_z cos(theta)`` plus runout
+(Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns clockwise seen from above; ``theta`` is counted counter-clockwise
+from the direction of travel, so it falls. The part lies on the right of the travel: climb milling.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+
+CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class CuttingCoefficients:
+    """Chip coefficients [N/m^2] and edge coefficients [N/m], tangential, radial, axial; with their source."""
+
+    chip: tuple[float, float, float]
+    edge: tuple[float, float, float]
+    source: str
+
+
+@dataclass(frozen=True)
+class EndMill:
+    """A cylindrical end mill.
+
+    Attributes:
+        diameter: [m].
+        teeth: Evenly spaced.
+        helix: Helix angle [rad]; positive pulls the tool down, as a right-hand helix on a clockwise tool does.
+        runout: Distance of the tool's axis from the spindle's [m].
+        runout_angle: Where the first tooth stands from the direction of the runout [rad].
+    """
+
+    diameter: float
+    teeth: int
+    helix: float = 0.0
+    runout: float = 0.0
+    runout_angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class MillingCut:
+    """A cut along a straight or slowly turning face.
+
+    Attributes:
+        mill: The tool.
+        coefficients: Of the material.
+        spindle: Speed [rad/s].
+        axial_depth: [m].
+        radial_depth: [m]; at most the radius.
+        slices: Discs the engaged length is cut into.
+    """
+
+    mill: EndMill
+    coefficients: CuttingCoefficients
+    spindle: float
+    axial_depth: float
+    radial_depth: float
+    slices: int = 20
+
+    @property
+    def tooth_period(self) -> float:
+        """Time from tooth to tooth [s]."""
+        return 2.0 * np.pi / (self.spindle * self.mill.teeth)
+
+
+def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> FloatArray:
+    """Force on the tool ``(n, 3)`` [N]: along the travel, away from the part, upwards.
+
+    Args:
+        cut: Tool, material and engagement.
+        times: ``(n,)`` [s].
+        feed: ``(n,)`` feed rate [m/s]; no force where it is zero.
+
+    Raises:
+        ModelError: The tool cannot stand so deep in the part.
+    """
+    if not 0.0 < cut.radial_depth <= 0.5 * cut.mill.diameter:
+        raise ModelError(
+            f"a radial depth of {1e3 * cut.radial_depth:g} mm needs a radius of at least that and above zero; the tool's is"
+            f" {500.0 * cut.mill.diameter:g} mm"
+        )
+    parts = [_chunk_forces(cut, times[start : start + CHUNK], feed[start : start + CHUNK]) for start in range(0, len(times), CHUNK)]
+    return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+
+def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angle of each tooth at the middle of each slice ``(n, teeth, slices)`` [rad], and the lag of each tooth ``(teeth,)``."""
+    lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
+    middles = (np.arange(cut.slices) + 0.5) * cut.axial_depth / cut.slices
+    twist = 2.0 * middles * np.tan(cut.mill.helix) / cut.mill.diameter
+    return -cut.spindle * times[:, None, None] - lag[:, None] + twist, lag
+
+
+def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
+    """1 where a tooth is in the part: in front of the tool's centre and deeper on the right than the finished face."""
+    depth = 1.0 - 2.0 * cut.radial_depth / cut.mill.diameter
+    return np.asarray((np.sin(theta) < -depth) & (np.cos(theta) > 0.0), dtype=float)
+
+
+def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> FloatArray:
+    theta, lag = tooth_angles(cut, times)
+    per_tooth = feed * cut.tooth_period
+    mill = cut.mill
+    # each tooth cuts what the one before it left: only the difference of their radii counts
+    radii = mill.runout * np.cos(lag + mill.runout_angle)
+    chip = per_tooth[:, None, None] * np.cos(theta) + (radii - np.roll(radii, 1))[:, None]
+    cutting = engaged(cut, theta) * (chip > 0.0) * (feed > 0.0)[:, None, None] * cut.axial_depth / cut.slices
+    tangential, radial, axial = (
+        (chip_part * chip + edge_part) * cutting
+        for chip_part, edge_part in zip(cut.coefficients.chip, cut.coefficients.edge, strict=True)
+    )
+    sine, cosine = np.sin(theta), np.cos(theta)
+    along = (-tangential * sine - radial * cosine).sum(axis=(1, 2))
+    away = (tangential * cosine - radial * sine).sum(axis=(1, 2))
+    return np.stack([along, away, -np.sign(mill.helix or 1.0) * axial.sum(axis=(1, 2))], axis=-1)
+
+
+def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
+    """Force per motion of the tool towards the part since the tooth before, ``(n, 3, 3)`` [N/m], axes as the forces.
+
+    A tooth at ``theta`` meets a chip thicker by the tool's motion along its radius, ``(cos, sin, 0)``, since the last tooth passed;
+    linear as long as teeth stay in the cut (Altintas 2012, sec. 3.4).
+    """
+    theta, _ = tooth_angles(cut, times)
+    width = engaged(cut, theta) * cut.axial_depth / cut.slices
+    sine, cosine = np.sin(theta), np.cos(theta)
+    tangential, radial, axial = cut.coefficients.chip
+    force = np.stack(
+        [
+            -tangential * sine - radial * cosine,
+            tangential * cosine - radial * sine,
+            np.full_like(theta, -np.sign(cut.mill.helix or 1.0) * axial),
+        ],
+        axis=-1,
+    )
+    normal = np.stack([cosine, sine, np.zeros_like(theta)], axis=-1)
+    return np.asarray(np.einsum("njs,njsa,njsb->nab", width, force, normal))
