@@ -7,6 +7,7 @@ from headstock.geometry.rail_spans import rail_span
 from headstock.geometry.solids import Solid
 from headstock.pipeline.component_builder import build_interface
 from headstock.pipeline.scene_errors import Findings
+from headstock.pipeline.scene_names import is_known_end
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import InterfaceTable
 from headstock.pipeline.schema_connections import JointTable
@@ -121,16 +122,19 @@ def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints:
 def _find_joint_fault(joint: JointTable, rails: list[JointEnd], scene: SceneTable) -> tuple[KeyPath, str] | None:
     if len(rails) == 2:
         return ("between",), "both ends are rails; one of them must be a fixed interface, that of the carriage"
-    from_file = any(
-        end.component in scene.components and scene.components[end.component].solid.superelement for end in joint.between
-    )
+    # an interface from a file may be a rail, and so may one that did not pass the schema
+    known = all(is_known_end(end, scene) and not _is_from_file(end, scene) for end in joint.between)
     if rails and joint.length is None:
         return (), f'a carriage on rail {rails[0]} needs its length; write length = "80 mm"'
-    if not rails and joint.length is not None and not from_file:
+    if not rails and joint.length is not None and known:
         return ("length",), "only a carriage on a rail has a length; remove it, or give the interface it slides on a rail"
     if rails and joint.at is None and any(end.component is None for end in joint.between):
         return (), 'ground has no place of its own; write where the joint is: at = ["0 mm", "0 mm", "0 mm"]'
     return None
+
+
+def _is_from_file(end: JointEnd, scene: SceneTable) -> bool:
+    return end.component is not None and scene.components[end.component].solid.superelement is not None
 
 
 def _span_of(table: InterfaceTable, solid: Solid) -> tuple[float, float] | None:

@@ -102,6 +102,10 @@ def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis
         block = basis[layout.offsets[name]]
         columns = np.flatnonzero(np.any(block != 0.0, axis=0))
         part = block[:, columns]
+        if _is_identity(part):
+            total[np.ix_(columns, columns)] += matrix
+            terms[columns] += np.abs(matrix.diagonal())
+            continue
         total[np.ix_(columns, columns)] += part.T @ matrix @ part
         magnitude = np.abs(part)
         terms[columns] += np.einsum("ij,ij->j", magnitude, np.abs(matrix) @ magnitude)
@@ -111,12 +115,18 @@ def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis
     return 0.5 * (total + total.T)
 
 
+def _is_identity(part: FloatArray) -> bool:
+    """Whether a component's dofs are coordinates as they stand: nothing is held and no spring stands apart."""
+    return part.shape[0] == part.shape[1] and np.count_nonzero(part) == len(part) and bool((part.diagonal() == 1.0).all())
+
+
 def _unit_weight(name: str) -> float:
     return 1.0
 
 
 def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:
-    turned = turn.T @ matrix @ turn
+    # axis-parallel components, which are most, need no products
+    turned = matrix if _is_identity(turn) else turn.T @ matrix @ turn
     return np.asarray(0.5 * (turned + turned.T))
 
 

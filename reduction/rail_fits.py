@@ -12,7 +12,8 @@ from headstock.reduction.interface_patches import MeshPatch
 from headstock.reduction.rails import DEGREE, STATION_DOFS, place_knots, station_points
 from headstock.solvers.errors import ModelError
 
-CONDITION_LIMIT = 1e10
+# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the stations apart, 1e6 where it just fails to
+CONDITION_LIMIT = 1e3
 THIN = 1e-12
 
 
@@ -95,5 +96,5 @@ def _check_condition(component: str, interface: Interface, gram: FloatArray) -> 
     stations = 0 if interface.rail is None else interface.rail.stations
     raise ModelError(
         f"component {component}: the mesh has too few points along rail {interface.name} to tell its {stations} stations apart, or the "
-        "rail has gaps; take a finer mesh or fewer stations"
+        "rail has gaps; take elements no longer than two station intervals, or fewer stations"
     )

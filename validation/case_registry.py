@@ -22,6 +22,7 @@ from headstock.validation.closed_form_cases import (
     check_torsion_constants,
 )
 from headstock.validation.identification_cases import check_identification
+from headstock.validation.guideway_cases import check_guideway
 from headstock.validation.machine_cases import check_three_axis_machine
 from headstock.validation.mechanism_cases import (
     check_inverse_kinematics,
@@ -110,6 +111,7 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
     Case("identification", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
+    Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
     Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),

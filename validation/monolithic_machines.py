@@ -42,6 +42,14 @@ class BodyModel:
 
 
 @dataclass(frozen=True, eq=False)
+class InterfaceView:
+    """What an interface sees of a mesh: its motion ``(6, 3 n_points)`` and its origin ``(3,)``, component frame."""
+
+    rows: csr_matrix
+    origin: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class MonolithicMachine:
     """Stiffness, mass and constraint rows of the whole machine, and the relative motion at each point ``(6, n)``."""
 
@@ -51,8 +59,16 @@ class MonolithicMachine:
     points: dict[str, csr_matrix]
 
 
-def monolithic_machine(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose) -> MonolithicMachine:
+def monolithic_machine(
+    machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose, *, views: Mapping[str, InterfaceView] | None = None
+) -> MonolithicMachine:
     """Assemble a machine whose elastic components have the given meshes; supports are not treated.
+
+    Args:
+        machine: Its joints between fixed interfaces.
+        meshes: By component.
+        pose: Axis positions.
+        views: By ``component.interface`` on an elastic component, in place of what its patch and coupling say.
 
     Raises:
         ValueError: The machine has supports.
@@ -61,7 +77,7 @@ def monolithic_machine(machine: Machine, meshes: Mapping[str, ComponentMesh], po
         raise ValueError("the monolithic model takes machines without supports")
     placements = place_components(machine, pose)
     bodies = {
-        name: _elastic_body(component, meshes[name]) if component.fidelity == "elastic" else _rigid_body(component)
+        name: _elastic_body(component, meshes[name], views or {}) if component.fidelity == "elastic" else _rigid_body(component)
         for name, component in machine.components.items()
     }
     starts = np.cumsum(np.array([0, *(body.mass.shape[0] for body in bodies.values())]))
@@ -155,14 +171,15 @@ def _rigid_body(component: Component) -> BodyModel:
     return BodyModel(csr_matrix((6, 6)), csr_matrix(mass), motions, origins)
 
 
-def _elastic_body(component: Component, mesh: ComponentMesh) -> BodyModel:
+def _elastic_body(component: Component, mesh: ComponentMesh, views: Mapping[str, InterfaceView]) -> BodyModel:
     operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=MPI.COMM_SELF, with_mass=True)
     order = (3 * operators.nodes[:, None] + np.arange(3)).ravel()
     to_mesh = csr_matrix((np.ones(len(order)), (order, np.arange(len(order)))))
     stiffness = to_mesh @ csr_matrix(operators.stiffness) @ to_mesh.T
     mass = to_mesh @ csr_matrix(scipy.sparse.kron(operators.scalar_mass, np.eye(3))) @ to_mesh.T
-    patches = {name: measure_patch(mesh, name) for name in component.interfaces}
-    rigid = [name for name, interface in component.interfaces.items() if interface.coupling == "rigid"]
+    seen = {name: views[f"{component.name}.{name}"] for name in component.interfaces if f"{component.name}.{name}" in views}
+    patches = {name: measure_patch(mesh, name) for name in component.interfaces if name not in seen}
+    rigid = [name for name, interface in component.interfaces.items() if interface.coupling == "rigid" and name not in seen]
     basis, starts = _rigid_patch_basis(mesh, [patches[name] for name in rigid])
     motions = {}
     for name, patch in patches.items():
@@ -173,6 +190,8 @@ def _elastic_body(component: Component, mesh: ComponentMesh) -> BodyModel:
             dofs = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
             motions[name] = csr_matrix(patch.average_operator().T) @ basis[dofs]
     origins = {name: patch.centroid for name, patch in patches.items()}
+    motions |= {name: csr_matrix(view.rows) @ basis for name, view in seen.items()}
+    origins |= {name: view.origin for name, view in seen.items()}
     return BodyModel(csr_matrix(basis.T @ stiffness @ basis), csr_matrix(basis.T @ mass @ basis), motions, origins)
 
 

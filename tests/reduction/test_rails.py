@@ -271,3 +271,10 @@ def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic):
 def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh):
     with pytest.raises(ModelError, match=r"too few points along rail rail to tell its 40 stations apart"):
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
+
+
+def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh):
+    """Thirteen points along the rail for thirteen intervals can be solved for, with any answer between the points."""
+    fit_rail("bar", rail_interface(13), measure_patch(mesh, "rail"))
+    with pytest.raises(ModelError, match=r"too few points along rail rail"):
+        fit_rail("bar", rail_interface(16), measure_patch(mesh, "rail"))
