@@ -21,8 +21,8 @@ from headstock.validation.closed_form_cases import (
     check_slender_beam_theory,
     check_torsion_constants,
 )
-from headstock.validation.identification_cases import check_identification
 from headstock.validation.guideway_cases import check_guideway
+from headstock.validation.identification_cases import check_identification
 from headstock.validation.machine_cases import check_three_axis_machine
 from headstock.validation.mechanism_cases import (
     check_inverse_kinematics,
