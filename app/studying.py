@@ -2,7 +2,9 @@
 
 import contextlib
 import dataclasses
+import functools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,18 +12,28 @@ from typing import Any
 import click
 from mpi4py import MPI
 
+import headstock.validation
 from headstock.app.guard import DONE, FAILED
+from headstock.app.ladder_charts import draw_ladder
+from headstock.app.ladder_listing import ladder_tables, list_claims, print_ladder
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
 from headstock.app.study_charts import draw_study
 from headstock.app.study_listing import list_study, print_progress, print_study, study_csv
+from headstock.app.summary_tables import encode_csv
+from headstock.pipeline.content_keys import code_fingerprint
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import dump_json
+from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.study_records import StudyRecord
 from headstock.pipeline.study_runs import StudyJob, check_points, hash_scene, run_study
 from headstock.pipeline.study_tables import StudyTable, tabulate_study
+from headstock.validation.kono_claims import judge_ladder, judge_own
+from headstock.validation.ladder_points import collect_points, measure_beam
+from headstock.validation.ladder_references import LadderBeam, ladder_beam
+from headstock.validation.paper_elements import paper_points
 
 
 @dataclass(frozen=True)
@@ -56,7 +68,7 @@ def study_request(request: StudyRequest, comm: MPI.Comm) -> int:
         records = run_study(job, folder, comm=comm, observer=print_progress)
         if comm.rank == 0:
             table = tabulate_study(job.study, records)
-            _publish(table, folder, request)
+            _publish(table, records, folder, request)
             print_study(table, seconds=time.perf_counter() - start, folder=folder)
     failed = any(record.status == "failed" for record in records)
     return int(share_from_root(comm, FAILED if failed else DONE))
@@ -79,15 +91,19 @@ def _make_job(request: StudyRequest) -> StudyJob:
         content=content,
         variant=request.variant,
         overrides=request.overrides,
+        measure=None if study.reference is None else functools.partial(measure_beam, study.reference),
+        measure_name="" if study.reference is None else f"{study.reference} {code_fingerprint(headstock.validation)}",
         retry=request.retry,
     )
     check_points(job)
     return job
 
 
-def _publish(table: StudyTable, folder: Path, request: StudyRequest) -> None:
-    """Write the files of a study beside its records."""
+def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest) -> None:
+    """Write the files of a study beside its records, and print what a reference says of it."""
     listing = list_study(table, request.scene)
+    if table.study.reference is not None:
+        listing |= _publish_ladder(ladder_beam(table.study.reference), records, folder)
     write_output(folder / "study.csv", study_csv(table))
     write_output(folder / "study.json", dump_json(listing).encode())
     figure = draw_study(table)
@@ -95,3 +111,15 @@ def _publish(table: StudyTable, folder: Path, request: StudyRequest) -> None:
         write_output(folder / "study.png", encode_png(figure))
     if request.json_file is not None:
         write_output(request.json_file, dump_json(listing).encode())
+
+
+def _publish_ladder(beam: LadderBeam, records: Sequence[StudyRecord], folder: Path) -> Json:
+    """Figures, tables and claims of a ladder."""
+    points = [*collect_points(beam, records), *paper_points(beam)]
+    claims, own = judge_ladder(beam, points), judge_own(beam, points)
+    for table in ladder_tables(beam, points, [*claims, *own]):
+        write_output(folder / f"{table.name}.csv", encode_csv(table))
+    for name, pixels in draw_ladder(beam, points).items():
+        write_output(folder / f"{name}.png", encode_png(pixels))
+    print_ladder(beam, points, claims, own)
+    return {"claims": list_claims(claims), "own_claims": list_claims(own)}

@@ -68,11 +68,15 @@ class Interface:
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape."""
+    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape.
+
+    ``force`` accepts elements of order 1 where they lock so much that they are refused otherwise.
+    """
 
     size: float | None = None
     order: int = 2
     cells: CellShape = "tet"
+    force: bool = False
 
 
 @dataclass(frozen=True)

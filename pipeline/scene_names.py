@@ -8,7 +8,7 @@ from headstock.geometry.joints import GROUND, JointEnd
 from headstock.pipeline.scene import TOOL_AXES
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_overrides import AS_WRITTEN, path_exists, split_variant
-from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.scene_schema import AnalysesTable, SceneTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.schema_studies import FamilyTable, StudyTable
 from headstock.pipeline.study_points import VARIANT
@@ -185,7 +185,7 @@ def _check_study(name: str, study: StudyTable, scene: SceneTable, raw: Mapping[s
             hint = suggest_names(variant, scene.variants, what="variants")
             findings.add((*place, "vary", VARIANT), f'unknown variant {variant[:80]!r}; {hint}; "" is the scene as it stands')
         for analysis in table.analyses or ():
-            asked = [kind for kind in ("static", "modal") if getattr(scene.analyses, kind) is not None]
+            asked = [kind for kind in AnalysesTable.model_fields if getattr(scene.analyses, kind) is not None]
             if analysis not in asked:
                 findings.add((*place, "analyses"), f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}")
     for index, watch in enumerate(study.watch or ()):

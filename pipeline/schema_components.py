@@ -240,6 +240,7 @@ class MeshTable(StrictTable):
     size: PositiveLength | None = None
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
+    force: Flag = False
 
 
 class ReductionTable(StrictTable):

@@ -20,7 +20,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
     """What is to be said of the order of a mesh's elements; nothing of second-order ones.
 
     Raises:
-        ModelError: First-order elements are drawn out, or the part is thin.
+        ModelError: First-order elements are drawn out, or the part is thin, and the scene does not insist on them.
 
     Source: MacNeal (1994), Finite Elements: Their Design and Performance, ch. 6: parasitic shear grows with the square of length
     over thickness.
@@ -31,11 +31,13 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
     extents = np.ptp(mesh.points, axis=0)
     thinness = float(extents.min() / extents.max())
     if aspect > LARGEST_ASPECT or thinness < THINNEST:
-        raise ModelError(
+        finding = (
             f"component {component.name}: its elements are of order 1 ({mesh.kind}), up to {aspect:.3g} times longer than thick, in a "
-            f"part {thinness:.2g} times as thick as long: in bending they lock and come out many times too stiff; write order = 2 "
-            "(or give a mesh of second-order elements)"
+            f"part {thinness:.2g} times as thick as long: in bending they lock and come out many times too stiff"
         )
+        if component.mesh.force:
+            return (finding,)
+        raise ModelError(f"{finding}; write order = 2 (or give a mesh of second-order elements)")
     if component.mesh.order == 1:
         return ()  # asked for in the scene, which has been told
     return (

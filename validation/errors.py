@@ -9,3 +9,7 @@ class UnknownCaseError(ValueError):
 
 class CampaignError(HeadstockError):
     """A fault campaign found something torn, wrong or left behind."""
+
+
+class LadderError(HeadstockError):
+    """A scene is not what a published study is about."""

@@ -40,6 +40,30 @@ def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count:
     return np.asarray(euler_bernoulli_roots(ends, count) ** 2 * speed / (2.0 * math.pi * beam.length**2))
 
 
+def euler_bernoulli_shape(ends: EndConditions, number: int, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Deflection and its slope of a bending mode of a beam of unit length with a clamped lower end.
+
+    Args:
+        ends: ``clamped-free`` or ``clamped-clamped``.
+        number: Which mode, from 1.
+        places: ``(n,)`` along the beam, 0 to 1 [-].
+
+    Raises:
+        ValueError: The lower end is not clamped.
+
+    Source: Blevins (1979), table 8-1.
+    """
+    if not ends.startswith("clamped"):
+        raise ValueError(f"the shape of a {ends} beam is not known here: its lower end must be clamped")
+    root = float(euler_bernoulli_roots(ends, number)[-1])
+    sign = 1.0 if ends == "clamped-free" else -1.0
+    ratio = (math.cosh(root) + sign * math.cos(root)) / (math.sinh(root) + sign * math.sin(root))
+    x = root * np.asarray(places)
+    deflection = np.cosh(x) - np.cos(x) - ratio * (np.sinh(x) - np.sin(x))
+    slope = root * (np.sinh(x) + np.sin(x) - ratio * (np.cosh(x) - np.cos(x)))
+    return deflection, slope
+
+
 def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
     """Bending frequencies ``(count,)`` [Hz] of a strip so wide that it cannot contract sideways: E becomes E / (1 - nu^2).
 

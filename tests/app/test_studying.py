@@ -38,6 +38,18 @@ watch = "totals.mass_kg"
 [analyses.static]
 [analyses.modal]
 """
+LADDER = """
+[studies.ladder]
+reference = "kono-cantilever"
+[studies.ladder.families.static_segmented]
+analyses = "static"
+set = { "components.column.fidelity" = "segmented" }
+vary = { "components.column.segments.count" = [5, 15] }
+[studies.ladder.families.modal_segmented]
+analyses = "modal"
+set = { "components.column.fidelity" = "segmented" }
+vary = { "components.column.segments.count" = [10, 35] }
+"""
 
 
 @pytest.fixture
@@ -94,3 +106,34 @@ def test_an_unknown_study_is_refused_with_the_names_there_are(scene_file: Path, 
     code, _ = run_study(scene_file, "row")
     assert code == 2
     assert "did you mean 'rows'?" in capsys.readouterr().err
+
+
+def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "cantilever.toml"
+    shipped = (Path(__file__).resolve().parents[2] / "machines" / "cantilever.toml").read_text()
+    path.write_text(shipped[: shipped.index("# the paper's section")] + LADDER)
+    code, folder = run_study(path, "ladder", "--json", str(tmp_path / "ladder.json"))
+    assert code == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "every deviation < 10 % from nDOF 30 dy(Fy) +3.06 %" in printed
+    drawn = {file.stem for file in folder.glob("*.png")}
+    # of the finite elements there are only the paper's own, which have no time
+    assert drawn == {
+        "figure_06_ndof",
+        "figure_06_time",
+        "figure_07_ndof",
+        "figure_08_ndof",
+        "figure_08_time",
+        "figure_09_ndof",
+        "overview",
+    }
+    with (folder / "ladder.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    (row,) = [row for row in rows if (row["model"], row["nDOF"], row["quantity"]) == ("segmented", "30", "dx(Fx)")]
+    assert float(row["deviation"]) == pytest.approx(435.8276 / 433.91 - 1.0, abs=1e-4)
+    claims = json.loads((tmp_path / "ladder.json").read_text())["claims"]
+    assert {claim["figure"] for claim in claims} == {6, 7, 8, 9}
+    with (folder / "claims.csv").open() as file:
+        assert [row["verdict"] for row in csv.DictReader(file)][: len(claims)] == [
+            "held" if c["held"] else "not held" for c in claims
+        ]

@@ -1,5 +1,7 @@
 """H08: a part a thousand times longer than thick: right with second-order elements, refused with first-order ones."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -51,6 +53,14 @@ def test_first_order_elements_lock_and_are_refused_by_order_and_aspect_ratio(mak
         ModelError, match=r"body.*order 1.*up to \d\d times longer than thick.*0.001 times as thick as long.*order = 2"
     ):
         reduce_elastic(make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest())
+
+
+def test_a_scene_may_insist_on_elements_that_lock_and_is_told_what_they_do(make_box, make_component):
+    mesh, _, _ = strip(make_box, make_component, "hex8")
+    component = make_component({"tip": "rigid"})
+    component = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, force=True))
+    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    assert any("many times too stiff" in warning for warning in element.warnings)
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
