@@ -9,6 +9,7 @@ from headstock.validation.ladder_claims import (
     claim_alike,
     claim_below,
     claim_between,
+    claim_coarsest,
     claim_missing,
     claim_ratio,
     claim_reached,
@@ -64,6 +65,13 @@ def test_what_stays_above_a_limit_stays_there_in_every_model_of_the_range() -> N
     fallen = claim_above(ladder, "", [TWIST], 0.7, above=0, below=1e4)
     assert not fallen.held
     assert fallen.decides == "dx(Mc) -60 % at nDOF 9000 (tet4); larger before"
+
+
+def test_what_only_the_coarsest_model_shows_says_where_it_ends() -> None:
+    claim = claim_coarsest(rungs("hex8", TWIST, {100: -0.9, 1000: -0.75, 9000: -0.6}), "", [TWIST], 0.7)
+    assert claim.held
+    assert claim.note == "no longer from nDOF 9000 on"
+    assert not claim_coarsest(rungs("hex8", TWIST, {100: -0.6}), "", [TWIST], 0.7).held
 
 
 def test_deviations_between_two_limits() -> None:
