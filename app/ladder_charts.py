@@ -82,7 +82,7 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np
         grid[0, 1].set_axis_off()
         grid[0, 1].legend(handles=handles, loc="center", fontsize=9, frameon=False)
     else:
-        figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+        figure.legend(handles=handles, loc="outside lower center", ncols=2 * width, fontsize=8, frameon=False)
     cells = [axes for place, axes in enumerate(grid.flat) if not (odd and place == 1)]
     for axes, rungs in zip(cells, panels, strict=True):
         _draw_panel(axes, rungs, names, over)
