@@ -162,6 +162,8 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
         names = [name for name, reference in beam.references.items() if reference.group == group]
         for kind, color, marker in zip(KINDS, COLORS, MARKERS, strict=False):
             worst = worst_by_ndof(pick_rungs(beam, points, group, kind), names, against="solid")
+            if not worst:
+                continue
             x, y = [d.point.cpu_seconds for d in worst.values()], [max(LEAST_SHOWN, 100.0 * abs(d.value)) for d in worst.values()]
             axes.plot(x, y, color=color, marker=marker, markersize=4.5, linewidth=1.3, label=KIND_LABELS[kind])
         axes.set_title("static displacements" if group == "static" else "natural frequencies", fontsize=9, color=INK, loc="left")
