@@ -111,7 +111,7 @@ def test_the_printed_lines_fit_into_100_columns_without_a_terminal(scene_file: P
     assert max(len(line.rstrip()) for line in tables) <= 100
 
 
-def test_the_second_run_of_an_unchanged_scene_takes_less_than_3_seconds_and_needs_no_heavy_library(
+def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs_no_heavy_library(
     scene_file: Path, tmp_path: Path
 ) -> None:
     scene_file.write_text(RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
@@ -270,7 +270,8 @@ def test_brackets_in_names_are_no_markup(tmp_path: Path, capsys: pytest.CaptureF
     path.write_text(RIGID_SCENE.replace("A block on springs", "[/red] a [bold]block[/nonsense]"))
     for command in (["check", str(path)], ["plan", str(path)], ["run", str(path), "-o", str(tmp_path / "[/]"), "--no-figures"]):
         assert main(command) == 0
-        assert "[/red] a [bold]block[/nonsense]" in capsys.readouterr().out
+        # a long path breaks the line
+        assert "[/red] a [bold]block[/nonsense]" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
