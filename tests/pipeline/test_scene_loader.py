@@ -232,8 +232,15 @@ def test_the_three_axis_machine_has_the_paper_s_variants(variant: str | None, el
     scene = load_scene(MACHINES / "three_axis.toml", variant=variant)
     assert {name for name, component in scene.machine.components.items() if component.fidelity == "elastic"} == elastic
     assert scene.warnings == ()
-    sprung = np.any(scene.machine.joints["left_foot_bolts"].stiffness)
-    assert bool(sprung) == (variant == "BE")
+    assert scene.machine.joints["left_foot_bolts"].held == ((0, 1, 5) if variant == "BE" else (0, 1, 2, 3, 4, 5))
+
+
+@pytest.mark.parametrize("variant", ["R", "BE", "CE", "YE", "YCE"])
+def test_what_is_elastic_in_a_variant_of_the_three_axis_machine_can_be_segmented_instead(variant: str) -> None:
+    elastic, segmented = (load_scene(MACHINES / "three_axis.toml", variant=name) for name in (variant, f"segmented+{variant}"))
+    for name, component in elastic.machine.components.items():
+        expected = "segmented" if component.fidelity == "elastic" else component.fidelity
+        assert segmented.machine.components[name].fidelity == expected
 
 
 def test_the_three_axis_machine_has_the_paper_s_driven_masses() -> None:
@@ -243,7 +250,7 @@ def test_the_three_axis_machine_has_the_paper_s_driven_masses() -> None:
     assert components["z_slider"].mass == 4.0
 
 
-@pytest.mark.parametrize("variant", [None, "tuned"])
+@pytest.mark.parametrize("variant", [None, "thicker", "calibrated"])
 @pytest.mark.parametrize("joint", ["left_foot_bolts", "right_foot_bolts", "left_head_bolts", "right_head_bolts"])
 def test_bolted_faces_of_the_three_axis_machine_lie_on_each_other(joint: str, variant: str | None) -> None:
     scene = load_scene(MACHINES / "three_axis.toml", variant=variant)
