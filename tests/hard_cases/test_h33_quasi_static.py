@@ -1,0 +1,44 @@
+"""H33: a load that grows slowly moves a machine along its static path."""
+
+import numpy as np
+import pytest
+
+from headstock.geometry.materials import Material
+from headstock.solvers.damping_models import add_modal_damping
+from headstock.solvers.linear_time_response import solve_time_response
+from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.state_space import to_state_space
+from headstock.validation.line_elements import TIP, cantilever_system
+from headstock.validation.prismatic_beams import PrismaticBeam
+
+BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
+
+
+STATIC = BEAM.length**3 / (3.0 * BEAM.bending_stiffness)
+
+
+def deviation(shape, periods, zeta, steps_per_period):
+    """Largest distance from the static path over the final static deflection."""
+    system = cantilever_system(BEAM, 12)
+    period = 1.0 / solve_modal(system).frequencies_hz[0]
+    space = to_state_space(add_modal_damping(system, [zeta]), inputs=[TIP], outputs=[TIP])
+    share = shape(np.linspace(0.0, 1.0, round(periods * steps_per_period) + 1))
+    found = solve_time_response(space, share[:, None], period / steps_per_period).outputs[:, 0]
+    return np.abs(found / STATIC - share).max()
+
+
+def soft_ramp(s):
+    return 0.5 - 0.5 * np.cos(np.pi * s)
+
+
+@pytest.mark.parametrize(("periods", "tolerance"), [(100, 1e-3), (1000, 1e-4)])
+@pytest.mark.parametrize("zeta", [0.0, 0.02])
+@pytest.mark.parametrize("steps_per_period", [7.3, 2.31])
+def test_a_slow_ramp_is_the_static_path(periods, tolerance, zeta, steps_per_period):
+    assert deviation(soft_ramp, periods, zeta, steps_per_period) < tolerance
+
+
+@pytest.mark.parametrize("periods", [100, 1000])
+def test_a_ramp_with_a_corner_rings_as_much_as_a_corner_must(periods):
+    # one mass: sin(omega t) / (omega T); the first mode has 97 % of the tip's compliance
+    assert deviation(lambda s: s, periods, 0.0, 24.7) == pytest.approx(0.971 / (2.0 * np.pi * periods), rel=0.02)
