@@ -5,12 +5,14 @@ from pathlib import Path
 
 from headstock.app.console import add_row, make_console, make_table, print_table
 from headstock.pipeline.identification import FittedParameter, Identification, TargetOutcome
+from headstock.pipeline.identification_files import RECORD_FILE
 from headstock.pipeline.identification_fit import StartRecord
 from headstock.pipeline.identification_targets import IdentificationTask
 from headstock.pipeline.scene_keys import write_number
 
 CORRELATION_SHOWN = 0.9
 SEEN_FAINTLY = 0.5
+BLIND_SHOWN = 6
 
 
 def print_task(task: IdentificationTask) -> None:
@@ -76,8 +78,11 @@ def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
 
 def _print_doubts(found: Identification) -> None:
     console, statistics = make_console(), found.statistics
-    for blind in statistics.blind:
+    for blind in statistics.blind[-BLIND_SHOWN:][::-1]:  # the blindest come last
         console.print(f"the data do not see {blind}", style="yellow", markup=False)
+    if len(statistics.blind) > BLIND_SHOWN:
+        more = len(statistics.blind) - BLIND_SHOWN
+        console.print(f"nor {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False)
     names = [item.parameter.name for item in found.parameters]
     for i, first in enumerate(names):
         for j, second in enumerate(names[:i]):

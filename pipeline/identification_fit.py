@@ -28,11 +28,11 @@ ROUNDS = 6  # of exchanges of modes per start
 WORTHWHILE = 0.99  # an exchange is kept when it brings the sum of squares below this share
 TEXTS = {
     -1: "the least-squares solver refused its input",
-    0: "stopped at the limit of evaluations",
+    0: "limit of evaluations reached",
     1: "slope is zero",
-    2: "the sum of squares no longer falls",
-    3: "the parameters no longer change",
-    4: "the sum of squares and the parameters no longer change",
+    2: "sum of squares settled",
+    3: "parameters settled",
+    4: "sum of squares and parameters settled",
 }
 
 
