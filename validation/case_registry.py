@@ -110,7 +110,7 @@ CASES: tuple[Case, ...] = (
     Case("mode-truncation", "reduction", "free column with rigid faces by number of modes", check_mode_truncation),
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
-    Case("identification", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
+    Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
