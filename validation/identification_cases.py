@@ -14,7 +14,7 @@ from headstock.pipeline.target_files import load_targets
 from headstock.validation.case_rows import Target, ValidationRow, judge, judge_bound, show
 from headstock.validation.identification_samples import measure, prepare_text, solve_measured, true_values, write_parameters
 
-CASE = "identification"
+CASE = "known-stiffnesses"
 SEEDS = 50
 NOISE = 0.01
 ERROR_LIMIT = 0.05
