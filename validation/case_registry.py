@@ -46,6 +46,7 @@ from headstock.validation.modal_benchmarks import (
     check_square_column,
 )
 from headstock.validation.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
+from headstock.validation.rail_bases import check_rail_bases
 from headstock.validation.reduction_cases import (
     check_all_modes,
     check_mean_truncation,
@@ -111,6 +112,7 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
+    Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
