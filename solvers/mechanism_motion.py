@@ -139,7 +139,8 @@ class ConstrainedMotion:
         size, give = len(state.position), len(self.model.mechanism.compliant)
         stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
         springs = self.model.springs.stiffness(self.drive(state.time).position)
-        stiffness[-give:, -give:], damping[-give:, -give:] = np.diag(springs), _damping(self.model, give)
+        last = slice(size - give, size)
+        stiffness[last, last], damping[last, last] = np.diag(springs), _damping(self.model, give)
         return Linearisation(dynamics.mass[self.free, self.free], damping, stiffness, dynamics.closures[:, self.free])
 
     def start(self, time: float, position: FloatArray, velocity: FloatArray) -> MotionState:
@@ -180,7 +181,7 @@ class ConstrainedMotion:
             balance += dynamics.closures.T @ state.multipliers
         springs = self.model.springs.stiffness(coordinates[self.model.mechanism.driven_slice])
         count = len(self.model.mechanism.compliant)
-        balance[give] += springs * coordinates[give] + _damping(self.model, count) @ state.velocity[-count:]
+        balance[give] += springs * coordinates[give] + _damping(self.model, count) @ state.velocity[len(state.velocity) - count :]
         return np.asarray(balance)
 
 
