@@ -109,7 +109,7 @@ def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> No
     targets.write_text(example)
     task = load_targets(targets, ROOT / "machines" / "three_axis.toml").task
     assert [len(case.modes) for case in task.cases] == [3, 3]
-    assert [len(parameter.rules) for parameter in task.parameters] == [4, 4, 4, 7]
+    assert [len(parameter.rules) for parameter in task.parameters] == [4, 2, 4, 7]
 
 
 def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
