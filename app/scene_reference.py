@@ -147,7 +147,7 @@ NOTES = {
     "means x, y and z; all points unless given",
     "Frf.outputs": "where motion is wanted, the same way; the inputs unless given",
     "Frf.from": "lowest frequency; at 0 Hz stands the static compliance",
-    "Frf.to": "highest frequency; fixed-interface modes are kept up to three times this",
+    "Frf.to": "highest frequency; fixed-interface modes are kept up to twelve times this",
     "Frf.points": "of the even grid",
     "Frf.spacing": "of the even grid",
     "Frf.adaptive": "adds points around every resonance, from its half-power width outwards",

@@ -21,6 +21,7 @@ from headstock.validation.closed_form_cases import (
     check_slender_beam_theory,
     check_torsion_constants,
 )
+from headstock.validation.frequency_cases import check_beam_truncation, check_column_response
 from headstock.validation.guideway_cases import check_guideway
 from headstock.validation.identification_cases import check_identification
 from headstock.validation.machine_cases import check_three_axis_machine
@@ -114,6 +115,13 @@ CASES: tuple[Case, ...] = (
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
     Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
+    Case("beam-truncation", "frequency_response", "share of a cantilever's tip compliance in its modes", check_beam_truncation),
+    Case(
+        "column-response",
+        "frequency_response",
+        "reduced column against direct solves of its whole model",
+        check_column_response,
+    ),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
     Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),

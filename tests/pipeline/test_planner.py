@@ -13,8 +13,8 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, SuperelementFile
 from headstock.pipeline.budgets import BudgetError, check_elapsed
-from headstock.pipeline.planner import MODE_MARGIN, default_mode_count, plan_scene
-from headstock.pipeline.scene import Analyses, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.planner import FRF_MARGIN, MODE_MARGIN, default_mode_count, plan_scene
+from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
 from headstock.pipeline.stages import Stage
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -28,7 +28,9 @@ def make_component(name: str, **changes: object) -> Component:
     return dataclasses.replace(component, **changes)  # type: ignore[arg-type]
 
 
-def make_scene(*components: Component, static: StaticRequest | None = None, modal: ModalRequest | None = None) -> Scene:
+def make_scene(
+    *components: Component, static: StaticRequest | None = None, modal: ModalRequest | None = None, frf: FrfRequest | None = None
+) -> Scene:
     ground, first = JointEnd(), JointEnd(components[0].name, "foot")
     machine = Machine(
         "machine",
@@ -37,7 +39,7 @@ def make_scene(*components: Component, static: StaticRequest | None = None, moda
         points={"tcp": Point("tcp", JointEnd(components[-1].name, "tip"), ground)},
     )
     poses = {"reference": Pose("reference")}
-    return Scene("machine", Path("machine.toml"), machine, poses, Analyses(static, modal), frozenset(), (), {})
+    return Scene("machine", Path("machine.toml"), machine, poses, Analyses(static, modal, frf), frozenset(), (), {})
 
 
 def planned_kinds(scene: Scene) -> list[tuple[str, str | None]]:
@@ -71,6 +73,15 @@ def test_the_scene_decides_how_many_modes_are_kept() -> None:
         plan = plan_scene(make_scene(make_component("column", reduction=settings), modal=ModalRequest(up_to_hz=500.0)))
         assert plan.components["column"].reduction == settings
         assert plan.with_modes
+
+
+def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis() -> None:
+    request = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=200.0)
+    plan = plan_scene(make_scene(make_component("column"), frf=request, modal=ModalRequest(up_to_hz=500.0)))
+    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=FRF_MARGIN * 200.0)
+    alone = plan_scene(make_scene(make_component("column"), frf=request))
+    assert alone.with_modes
+    assert [stage.kind for stage in alone.stages][-3:] == ["couple", "frf", "write"]
 
 
 def test_modes_reach_three_times_the_wanted_frequency() -> None:
