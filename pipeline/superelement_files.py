@@ -12,6 +12,7 @@ import numpy as np
 
 from headstock.pipeline.atomic_files import write_atomically
 from headstock.pipeline.record_files import RecordError, read_record, write_record
+from headstock.reduction.rails import DEGREE, STATION_DOFS
 from headstock.reduction.superelement import Superelement
 
 FORMAT = "headstock superelement"
@@ -99,6 +100,9 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
+    for name, rail in superelement.rails.items():
+        expected[f"rails/{name}/control"] = (rail.control, (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size))
+        expected[f"rails/{name}/center"] = (rail.center, (3,))
     for name, (array, shape) in expected.items():
         if array is not None and array.shape != shape:
             raise RecordError(f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels")

@@ -180,9 +180,11 @@ def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
     ends = [end for end in joint.ends if end.component is not None]
     if not ends:
         raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")
-    if joint.length is None:
-        return ends[0]
     carriages = [end for end in joint.ends if not is_rail(layout, end)]
+    if joint.length is None:
+        if len(carriages) < len(joint.ends):
+            raise ModelError(f"joint {joint.name!r}: a carriage on a rail needs its length")
+        return ends[0]
     if len(carriages) != 1:
         raise ModelError(f"joint {joint.name!r}: a carriage needs one rail and one other end, not {len(carriages)} other ends")
     return carriages[0]

@@ -1,15 +1,21 @@
 """An exported superelement serves another scene as the component itself would."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.components import Interface, Patch, RailSettings
+from headstock.pipeline.record_files import RecordError
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store
 from headstock.pipeline.superelement_export import export_superelement
+from headstock.pipeline.superelement_files import read_superelement, write_superelement
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.rails import carriage_rows
 from headstock.solvers.errors import ModelError
 
 SCENE = """
@@ -58,3 +64,20 @@ def test_a_component_that_does_not_exist_is_named(tmp_path: Path) -> None:
     scene_file.write_text(SCENE.replace("SOLID", ELASTIC))
     with pytest.raises(ModelError, match="no component 'colum'; components: column"):
         export_superelement(load_scene(scene_file), "colum", tmp_path / "x.h5", comm=MPI.COMM_SELF, store=Store(tmp_path / "s"))
+
+
+def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path, make_box, make_component) -> None:
+    rail = Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", 6))
+    mesh = make_box((4, 1, 1), (0.4, 0.05, 0.05), {"rail": "z+", "foot": "z-"})
+    component = make_component({"foot": "rigid"})
+    component = dataclasses.replace(component, interfaces=component.interfaces | {"rail": rail})
+    element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF)
+    write_superelement(tmp_path / "bed.h5", element)
+    found = read_superelement(tmp_path / "bed.h5")
+    assert len(found.stations) == 6 and found.boundary_size == element.boundary_size
+    expected = carriage_rows(element.rails["rail"], 0.17, 0.25)
+    np.testing.assert_array_equal(carriage_rows(found.rails["rail"], 0.17, 0.25), expected)
+    short = dataclasses.replace(element.rails["rail"], control=element.rails["rail"].control[:-4])
+    write_superelement(tmp_path / "short.h5", dataclasses.replace(element, rails={"rail": short}))
+    with pytest.raises(RecordError, match=r"rails/rail/control has shape \(20, 30\), \(24, 30\) fits"):
+        read_superelement(tmp_path / "short.h5")

@@ -253,6 +253,15 @@ def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint():
         couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
 
 
+def test_a_carriage_without_a_length_is_refused():
+    machine = sliding_machine("rigid")
+    joints = machine.joints | {"guide": dataclasses.replace(machine.joints["guide"], length=None)}
+    with pytest.raises(ModelError, match=r"joint 'guide': a carriage on a rail needs its length"):
+        couple(
+            {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}, dataclasses.replace(machine, joints=joints), Pose("home")
+        )
+
+
 def test_a_rail_across_the_segments_is_refused():
     component = bar("segmented")
     across = dataclasses.replace(rail_interface(), rail=RailSettings("y", 5))
