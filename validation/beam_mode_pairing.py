@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import IntArray
@@ -89,18 +88,23 @@ def section_motions(
 
 
 def pair_modes(sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions) -> dict[str, PairedMode]:
-    """The mode of the model that each mode of theory goes with, so that together they are most alike.
+    """The mode of the model that each mode of theory goes with: the most alike pair first, then the most alike of what is left.
 
-    A mode of the model goes with one shape only; shapes that none is left for, or resembles, are missing: a model with few
-    sections does not have them.
+    A mode of the model goes with one shape only; shapes that nothing left resembles are missing: a model with few sections does not
+    have them. The largest sum of MACs would be wrong here: it gives a first mode away to a third one that looks like it in a coarse
+    model, and takes an overtone in its place.
 
-    Source: Allemang (2003) for the MAC; Crouse (2016) for the assignment.
+    Source: Allemang (2003) for the MAC.
     """
     weighted = (sections.motions * sections.gyration).reshape(len(sections.motions), -1)
     wanted = np.array([(_theory_motions(sections, shape, ends) * sections.gyration).ravel() for shape in shapes])
     macs = (wanted @ weighted.T) ** 2 / np.outer((wanted**2).sum(axis=1), (weighted**2).sum(axis=1))
-    pairs = zip(*linear_sum_assignment(macs, maximize=True), strict=True)
-    return {shapes[row].name: PairedMode(int(mode), float(macs[row, mode])) for row, mode in pairs if macs[row, mode] >= LEAST_MAC}
+    found: dict[str, PairedMode] = {}
+    while macs.size and macs.max() >= LEAST_MAC:
+        row, mode = (int(place) for place in np.unravel_index(np.argmax(macs), macs.shape))
+        found[shapes[row].name] = PairedMode(mode, float(macs[row, mode]))
+        macs[row, :] = macs[:, mode] = 0.0
+    return {shape.name: found[shape.name] for shape in shapes if shape.name in found}
 
 
 def _slice_labels(along: FloatArray) -> IntArray:

@@ -53,6 +53,16 @@ def test_a_mode_goes_with_one_shape_and_a_shape_that_nothing_resembles_is_missin
     assert set(pair(points, fields)) == {"X1", "T1", "Y2"}
 
 
+def test_a_model_with_three_sections_keeps_its_first_mode_and_has_no_third() -> None:
+    points = beam_points(3)
+    first, overtone = (theory_field(name, points, "clamped-free") for name in ("X1", "X2"))
+    # an overtone that a coarse model bends like the first mode
+    found = pair(points, np.array([first, overtone, first + 0.3 * overtone]))
+    assert found["X1"].index == 0
+    assert found["X2"].index == 1
+    assert "X3" not in found or found["X3"].index == 2
+
+
 def test_a_stretching_mode_is_none_of_them() -> None:
     points = beam_points(30)
     field = np.zeros((1, len(points), 3))
