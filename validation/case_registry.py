@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
+from headstock.validation.axis_kit_cases import check_axis_kit
 from headstock.validation.beam_cases import (
     check_cantilever_modes,
     check_cantilever_statics,
@@ -67,7 +68,7 @@ class Case:
 
     Attributes:
         name: What the command line calls it.
-        group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``, ``tripteor`` or
+        group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``, ``axis_construction_kit``, ``tripteor`` or
             ``tripteor_verification``.
         title: One line.
         compute: Collective function that returns the rows.
@@ -123,6 +124,7 @@ CASES: tuple[Case, ...] = (
         check_column_response,
     ),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
+    Case("axis-construction-kit", "axis_construction_kit", "table 3 and figures 17, 18 of Kono et al.", check_axis_kit),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
     Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),
     Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
