@@ -1,15 +1,18 @@
 """Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
 
+import math
+
 from headstock.geometry.carriages import Carriage, place_carriages
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine, Pose
+from headstock.geometry.prismatic_solids import prismatic_bar
 from headstock.geometry.rail_spans import rail_span
 from headstock.geometry.solids import Solid
 from headstock.pipeline.component_builder import build_interface
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_names import is_known_end
 from headstock.pipeline.scene_schema import SceneTable
-from headstock.pipeline.schema_components import InterfaceTable
+from headstock.pipeline.schema_components import ComponentTable, InterfaceTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.toml_positions import KeyPath
 from headstock.reduction.rails import LEAST_INTERVALS, count_stations
@@ -110,12 +113,29 @@ def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints:
         if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (1.0 + SLACK):
             text = f"the carriage ({_mm(length)}) is longer than rail {component}.{name} ({_mm(span[1] - span[0])})"
             findings.add(("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter")
+    _warn_of_segments(key, scene.components[component], solid, shortest, findings)
     least = default_stations(span, shortest, LEAST_INTERVALS)
     if table.rail.stations is not None and table.rail.stations < least and scene.components[component].fidelity == "elastic":
         findings.add(
             (*key, "stations"),
             f"{table.rail.stations} stations on {_mm(span[1] - span[0])} are too few for a carriage of {_mm(shortest)}, which would feel "
             f"them pass; write at least {least}, better {default_stations(span, shortest)}, or leave stations away",
+        )
+
+
+def _warn_of_segments(key: KeyPath, table: ComponentTable, solid: Solid, shortest: float, findings: Findings) -> None:
+    """A segment gives way at its ends only: a carriage shorter than a segment feels them pass."""
+    if table.fidelity != "segmented":
+        return
+    try:
+        length = prismatic_bar(solid, table.segments.along).length
+    except ValueError:  # no bar: reported with its fidelity
+        return
+    if shortest < length / table.segments.count:
+        findings.warn(
+            key,
+            f"a carriage of {_mm(shortest)} is shorter than a segment of {_mm(length / table.segments.count)} and feels its ends pass; "
+            f"write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
         )
 
 

@@ -97,6 +97,16 @@ def test_a_carriage_that_cannot_be_is_named_with_its_remedy(tmp_path, old, new, 
     assert matching, str(caught.value)
 
 
+def test_segments_longer_than_the_carriage_are_warned_of(tmp_path):
+    change = (
+        'material = "steel"\n[components.bed.interfaces]',
+        'material = "steel"\nfidelity = "segmented"\nsegments = { count = 8 }\n[components.bed.interfaces]',
+    )
+    warnings = load(tmp_path, change).warnings
+    assert any("60 mm is shorter than a segment of 75 mm" in warning and "count = 20" in warning for warning in warnings)
+    assert load(tmp_path).warnings == ()
+
+
 SHAFT = 'screw = { diameter = "20 mm", lead = "5 mm", bearing = "400 N/um", coupling = "10 kN m/rad" }\n'
 ENDS = '"bed.foot", "slide.block"]\nkind = "ball_screw"\naxis = "x"\n'
 

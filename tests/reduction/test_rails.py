@@ -15,7 +15,7 @@ from headstock.geometry.joints import Axis, Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.mass_properties import closed_form_properties
 from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
+from headstock.geometry.solids import Box, Tube
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
 from headstock.reduction.interface_patches import measure_patch
@@ -287,3 +287,27 @@ def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh):
     fit_rail("bar", rail_interface(13), measure_patch(mesh, "rail"))
     with pytest.raises(ModelError, match=r"too few points along rail rail"):
         fit_rail("bar", rail_interface(16), measure_patch(mesh, "rail"))
+
+
+@pytest.mark.parametrize(("segments", "allowed"), [(20, 1.5e-2), (40, 5e-3)])
+def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_wherever_the_nut_stands(segments, allowed):
+    """The mean motion of a nut of length L under an even load, a from the bearing: (a - L / 6) / EA, and the same over GJ."""
+    interfaces = {
+        "end": Interface("end", (Patch("z-"),)),
+        "shaft": Interface("shaft", (Patch("outer"),), "average", rail=RailSettings("z", 4)),
+    }
+    screw = Component(
+        "screw", Tube(0.028, 0.0, 0.9), STEEL, interfaces=interfaces, fidelity="segmented", segments=SegmentSettings(segments)
+    )
+    properties = closed_form_properties(screw)
+    assert properties is not None
+    part = reduce_segmented(screw, properties)
+    node = part.attachments["end"].node
+    free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
+    flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
+    axial, torsional = 2.1e11 * np.pi * 0.014**2, 2.1e11 / 2.6 * np.pi * 0.014**4 / 2.0
+    for distance in np.linspace(0.1, 0.8, 29):
+        rows = carriage_rows(part.rails["shaft"], float(distance), 0.06)[:, free]
+        found = rows @ flexibility @ rows.T
+        assert found[2, 2] == pytest.approx((distance - 0.01) / axial, rel=allowed)
+        assert found[5, 5] == pytest.approx((distance - 0.01) / torsional, rel=allowed)
