@@ -215,20 +215,29 @@ def new(
 @app.command()
 def export(
     scene: SceneFile,
-    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Component to reduce.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Superelement file [COMPONENT.h5].")] = None,
+    component: Annotated[str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="File to write [COMPONENT.h5, SCENE.mat].")
+    ] = None,
+    state_space: Annotated[
+        str | None, typer.Option("--state-space", metavar="HZ", help='State space with modes up to here, such as "500 Hz".')
+    ] = None,
+    pose: Annotated[str | None, typer.Option("--pose", metavar="NAME", help="Pose of the state space [the first].")] = None,
     variant: Variant = None,
     set_: Overrides = None,
     ranks: Ranks = None,
     debug: Debug = False,
 ) -> int:
-    """Reduce one component and write it as a superelement file for other scenes."""
+    """Write one component as a superelement file for other scenes, or the machine's state space as a file for MATLAB."""
+    if (component is None) == (state_space is None):
+        raise click.UsageError('name a component to reduce, or write --state-space "500 Hz" for the whole machine')
 
     def action(comm: "MPI.Comm") -> int:
-        from headstock.app.exporting import ExportRequest, export_component
+        from headstock.app.exporting import ExportRequest, export_component, export_machine
 
-        request = ExportRequest(scene, component, output or Path(f"{component}.h5"), variant, tuple(set_ or ()), ranks)
-        return export_component(request, comm)
+        default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
+        request = ExportRequest(scene, component or "", output or default, variant, tuple(set_ or ()), ranks)
+        return export_component(request, comm) if state_space is None else export_machine(request, state_space, pose, comm)
 
     return run_guarded(action, debug=debug)
 

@@ -1,4 +1,4 @@
-"""``headstock export``: one component as a superelement file."""
+"""``headstock export``: one component as a superelement file, or a machine as a state space."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,9 @@ from headstock.app.guard import DONE
 from headstock.app.running import require_ranks
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.state_space_export import export_state_space
 from headstock.pipeline.superelement_export import export_superelement
+from headstock.pipeline.units import FREQUENCY, UnitError, parse_quantity
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,26 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
     require_ranks(request.ranks, comm)
     loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
     written = export_superelement(share_from_root(comm, loaded), request.component, request.output, comm=comm)
+    if comm.rank == 0:
+        click.echo(written)
+    return DONE
+
+
+def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: MPI.Comm) -> int:
+    """Write the state space of the machine and say so.
+
+    Raises:
+        click.UsageError: The frequency is none.
+        SceneError: The scene has problems.
+        HeadstockError: There is no such pose, or a computation or the file failed.
+    """
+    require_ranks(request.ranks, comm)
+    try:
+        up_to_hz = parse_quantity(up_to, FREQUENCY).value
+    except UnitError as error:
+        raise click.UsageError(f"--state-space {error}") from error
+    loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
+    written = export_state_space(share_from_root(comm, loaded), request.output, up_to_hz=up_to_hz, pose=pose, comm=comm)
     if comm.rank == 0:
         click.echo(written)
     return DONE

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 
 from headstock.app.command_line import main
 from headstock.app.frf_charts import draw_responses
@@ -123,3 +124,23 @@ def test_a_gap_is_a_gap_in_curve_table_and_data() -> None:
 def test_every_pose_has_a_chart_with_something_in_it() -> None:
     (image,) = draw_responses([curves_with_a_gap()]).values()
     assert image.shape[2] == 4 and len(np.unique(image.reshape(-1, 4), axis=0)) > 20
+
+
+def test_a_machine_goes_into_a_mat_file_and_modes_above_stay_in_it_statically(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    assert main(["export", str(tmp_path / "scene.toml"), "--state-space", "150 Hz", "-o", str(tmp_path / "m.mat")]) == 0
+    read = scipy.io.loadmat(tmp_path / "m.mat")
+    assert read["A"].shape[0] < 24 and read["D"].shape == (4, 3)
+    static = read["D"] - read["C"] @ np.linalg.solve(read["A"], read["B"])
+    assert main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+    (curves,) = read_curves(tmp_path / "out")
+    np.testing.assert_allclose(static, curves.receptance[0].real, rtol=1e-8, atol=1e-8 * np.abs(static).max())
+
+
+@pytest.mark.parametrize("arguments", [[], ["base", "--state-space", "5 Hz"], ["--state-space", "5 kg"]])
+def test_an_export_of_nothing_or_of_two_things_is_refused(tmp_path: Path, arguments: list[str]) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    assert main(["export", str(tmp_path / "scene.toml"), *arguments]) == 2
