@@ -57,6 +57,7 @@ from headstock.validation.reduction_cases import (
     check_static_exactness,
 )
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
+from headstock.validation.time_cases import check_rod_step
 from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
@@ -116,6 +117,7 @@ CASES: tuple[Case, ...] = (
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
     Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
+    Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
     Case("beam-truncation", "frequency_response", "share of a cantilever's tip compliance in its modes", check_beam_truncation),
     Case(
         "column-response",
