@@ -22,6 +22,7 @@ from headstock.validation.closed_form_cases import (
     check_slender_beam_theory,
     check_torsion_constants,
 )
+from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour
 from headstock.validation.frequency_cases import check_beam_truncation, check_column_response
 from headstock.validation.guideway_cases import check_guideway
 from headstock.validation.identification_cases import check_identification
@@ -130,6 +131,8 @@ CASES: tuple[Case, ...] = (
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
     Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),
     Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
+    Case("tripteor-contouring", "tripteor", "tool gap along x on the faces of the milled block", check_contouring),
+    Case("tripteor-contouring-nonlinear", "tripteor", "the start of the contour by the full equations", check_nonlinear_contour),
     Case(
         "mechanism-derivatives", VERIFICATION, "Jacobians, bias and inertial forces by complex steps", check_mechanism_derivatives
     ),
