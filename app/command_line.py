@@ -245,6 +245,7 @@ def export(
 @app.command()
 def validate(
     cases: Annotated[list[str] | None, typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases.")] = None,
     json: JsonFile = None,
     ranks: Ranks = None,
     debug: Debug = False,
@@ -254,7 +255,7 @@ def validate(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.validating import validate_cases
 
-        return validate_cases(cases or [], json, ranks, comm)
+        return validate_cases(cases or [], json, ranks, comm, output)
 
     return run_guarded(action, debug=debug)
 

@@ -1,5 +1,6 @@
 """``headstock validate``: the table of numbers held against their references."""
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,24 +9,31 @@ from mpi4py import MPI
 
 from headstock.app.console import make_console
 from headstock.app.guard import DONE, FAILED
+from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
 from headstock.app.validation_table import print_validation
-from headstock.pipeline.result_files import write_output
+from headstock.pipeline.result_files import prepare_output, write_output
 from headstock.validation.case_registry import Case
 from headstock.validation.case_rows import ValidationRow
 from headstock.validation.errors import UnknownCaseError
 from headstock.validation.row_files import rows_as_json
 from headstock.validation.validation_runs import run_validation
 
+FIGURES_MODULE = "headstock.app.axis_kit_charts"
 
-def validate_cases(names: Sequence[str], json_file: Path | None, ranks: int | None, comm: MPI.Comm) -> int:
-    """Compute the rows of cases and groups, print them, and fail when one of them falls short.
+
+def validate_cases(
+    names: Sequence[str], json_file: Path | None, ranks: int | None, comm: MPI.Comm, output: Path | None = None
+) -> int:
+    """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row falls short.
 
     Raises:
         click.UsageError: A name is unknown.
     """
     require_ranks(ranks, comm)
     console = make_console(stderr=True)
+    if output is not None and comm.rank == 0:
+        prepare_output(output)
 
     def report_progress(case: Case, rows: Sequence[ValidationRow]) -> None:
         failed = sum(not row.passed for row in rows)
@@ -40,4 +48,13 @@ def validate_cases(names: Sequence[str], json_file: Path | None, ranks: int | No
         print_validation(make_console(), rows)
         if json_file is not None:
             write_output(json_file, rows_as_json(rows).encode())
+        if output is not None:
+            _draw_figures(rows, output)
     return DONE if all(row.passed for row in rows) else FAILED
+
+
+def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
+    # matplotlib takes long to import: only where a folder for figures is asked for
+    draw_axis_kit = importlib.import_module(FIGURES_MODULE).draw_axis_kit
+    for name, pixels in draw_axis_kit(rows).items():
+        write_output(output / f"{name}.png", encode_png(pixels))
