@@ -123,6 +123,8 @@ NOTES = {
     "Family.pairwise": "as in the study",
     "Family.analyses": "as in the study",
     "Scene.mechanism": "a closed-loop mechanism; poses and sweeps then give the tool: `X Y Z` of its point, `A B` its turns about x, y",
+    "Map.sweep": "a sweep in which exactly two axes have several positions, at most 10 000 poses",
+    "Map.count": "how many frequencies",
     "Mechanism.kind": "`exechon`: two UPR legs on a common first axis, one SPR leg, a two-axis wrist",
     "Mechanism.model": "`lumped`: every component is rigid, the legs' springs are the only compliance",
     "Mechanism.at": "where its base stands in the machine frame: y along the common axis of legs 1 and 2, x to leg 3, z to the platform",

@@ -40,7 +40,19 @@ def list_tables(summary: Json) -> list[PlainTable]:
             tables += [_compliance_table(f"compliance_{stem}", point), _budget_table(f"budget_{stem}", point["budget"])]
     tables += [_mode_table(modes) for modes in summary["modal"]]
     tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
+    if "map" in summary:
+        tables.append(_map_table(summary["map"]))
     return tables
+
+
+def _map_table(found: Json) -> PlainTable:
+    names = list(found["quantities"])
+    rows = tuple(
+        (a, b, *(found["quantities"][name][i][j] for name in names))
+        for i, a in enumerate(found["positions"][0])
+        for j, b in enumerate(found["positions"][1])
+    )
+    return PlainTable("map", (*found["axes"], *names), rows)
 
 
 def encode_csv(table: PlainTable) -> bytes:

@@ -7,7 +7,8 @@ from headstock.geometry.exechon_poses import MountedExechon, solve_tool_pose
 from headstock.geometry.frames import FloatArray, rotation_about
 from headstock.geometry.machines import Pose
 from headstock.pipeline.component_builder import build_frame
-from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, LegSprings, SceneMechanism
+from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, LegSprings, MapRequest, SceneMechanism
+from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import ExechonTable, MechanismTable
 
 
@@ -54,3 +55,17 @@ def solve_pose(mechanism: SceneMechanism, pose: Pose) -> FloatArray:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.
     """
     return solve_tool_pose(mechanism.mounted, *tool_pose(mechanism, pose))
+
+
+def build_map(scene: SceneTable) -> MapRequest | None:
+    """The map a scene asks for: the two axes of its sweep with several positions, the others where they stand."""
+    request = scene.analyses.map
+    if request is None:
+        return None
+    spans: dict[str, FloatArray] = {
+        name: np.asarray(np.linspace(span.low.value, span.high.value, span.positions), dtype=float)
+        for name, span in scene.sweeps[request.sweep].axes.items()
+    }
+    first, second = (name for name, values in spans.items() if len(values) > 1)
+    fixed = {name: float(values[0]) for name, values in spans.items() if len(values) == 1}
+    return MapRequest(((first, spans[first]), (second, spans[second])), fixed, request.count)

@@ -1,5 +1,7 @@
 """Checks of a scene's mechanism: what it carries, its limits, and that it can take every pose."""
 
+import math
+
 from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
 from headstock.geometry.machines import Pose
@@ -11,6 +13,8 @@ from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 
+MAX_MAP_POSES = 10_000
+
 
 def is_lumped(scene: SceneTable) -> bool:
     """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
@@ -20,6 +24,7 @@ def is_lumped(scene: SceneTable) -> bool:
 def check_mechanism(scene: SceneTable, findings: Findings, *, complete: bool) -> None:
     """Report what is wrong with a mechanism and the poses it is to take."""
     table = scene.mechanism
+    _check_map(scene, findings)
     if table is None:
         return
     known = len(findings.problems)
@@ -82,6 +87,26 @@ def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
         wanted = LENGTH if axis in TOOL_POINT else ANGLE
         if axis in TOOL_AXES and value.dimension != wanted:
             findings.add(key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"')
+
+
+def _check_map(scene: SceneTable, findings: Findings) -> None:
+    request = scene.analyses.map
+    if request is None:
+        return
+    key = ("analyses", "map")
+    if not is_lumped(scene):
+        findings.add(key, "a map is made of a lumped mechanism; this scene has none")
+    sweep = scene.sweeps.get(request.sweep)
+    if sweep is None:
+        findings.add(
+            (*key, "sweep"), f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}"
+        )
+        return
+    counts = [span.positions for span in sweep.axes.values()]
+    if sum(count > 1 for count in counts) != 2:
+        findings.add((*key, "sweep"), "a map needs a sweep in which exactly two axes have more than one position")
+    elif math.prod(counts) > MAX_MAP_POSES:
+        findings.add((*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most")
 
 
 def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:

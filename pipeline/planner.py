@@ -26,7 +26,7 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene
+from headstock.pipeline.scene import Analyses, FrfRequest, Limits, MapRequest, ModalRequest, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -60,6 +60,8 @@ def plan_scene(scene: Scene) -> Plan:
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += _pose_stages(pose, scene)
+    if scene.analyses.map is not None:
+        stages.append(Stage("map", None, _describe_map(scene.analyses.map)))
     stages.append(Stage("write", None, "results.h5 and summary.json"))
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
@@ -169,6 +171,11 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     if frf is not None and _is_asked(pose.name, frf.poses):
         stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
     return stages
+
+
+def _describe_map(request: MapRequest) -> str:
+    (first, low), (second, high) = request.axes
+    return f"modes, stiffness and condition number in {len(low)} × {len(high)} poses of {first} and {second}"
 
 
 def _describe_frf(frf: FrfRequest) -> str:

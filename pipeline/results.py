@@ -135,6 +135,7 @@ class Results:
         warnings: In plain words.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
+        map: Frequencies, stiffness and condition number over a plane of poses, as in the summary.
         mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
         files: SHA-256 by file name of what was written beside the summary.
     """
@@ -153,6 +154,7 @@ class Results:
     view: MachineView = field(default_factory=MachineView)
     files: dict[str, str] = field(default_factory=dict)
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
+    map: Json | None = None
     responses: tuple[PoseResponse, ...] = ()
 
 
@@ -184,6 +186,8 @@ def summarise(results: Results) -> Json:
         summary["probes"] = {
             pose: {name: _summarise_probe(name, probe) for name, probe in probes.items()} for pose, probes in results.probes.items()
         }
+    if results.map is not None:
+        summary["map"] = results.map
     if results.mechanism:
         summary["mechanism"] = {pose: dataclasses.asdict(found) for pose, found in results.mechanism.items()}
     if len(by_pose) > 1:

@@ -10,7 +10,7 @@ from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline.frf_results import PoseResponse
 from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
-from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.results import Json, MechanismPose, PointCompliance, PoseModes, ProbeResponse
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan
 from headstock.pipeline.store import Store
@@ -47,6 +47,7 @@ class RunState:
     views: dict[str, PoseView] = field(default_factory=dict)
     placed: PlacedMechanism | None = None
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
+    map: Json | None = None
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)

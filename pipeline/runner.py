@@ -37,6 +37,7 @@ from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Stage, StageRecord
 from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.workspace_map import run_map_stage
 
 Observer = Callable[[StageRecord], None]
 Announcer = Callable[[Stage], None]
@@ -52,6 +53,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "recover": run_recover_stage,
     "modal": run_modal_stage,
     "place": run_place_stage,
+    "map": run_map_stage,
     "frf": run_frf_stage,
 }
 # what differs once a lumped mechanism has been placed
@@ -123,6 +125,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         probes=state.probes,
         modal=tuple(state.modal),
         mechanism=state.mechanism,
+        map=state.map,
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),

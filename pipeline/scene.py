@@ -62,6 +62,21 @@ class FrfRequest:
     poses: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class MapRequest:
+    """A map over two axes.
+
+    Attributes:
+        axes: Name and positions ``(n,)`` of each [m, rad].
+        fixed: Positions of the other axes.
+        count: How many frequencies.
+    """
+
+    axes: tuple[tuple[str, FloatArray], tuple[str, FloatArray]]
+    fixed: dict[str, float]
+    count: int = 3
+
+
 @dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""
@@ -69,6 +84,7 @@ class Analyses:
     static: StaticRequest | None = None
     modal: ModalRequest | None = None
     frf: FrfRequest | None = None
+    map: MapRequest | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
-from headstock.pipeline.mechanism_builder import build_mechanism
+from headstock.pipeline.mechanism_builder import build_map, build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.rail_checks import check_carriages
 from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
@@ -92,7 +92,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...]) -> Analyses:
     if modal is not None:
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
         modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
-    return Analyses(static_request, modal_request, _build_frf(table, poses))
+    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table))
 
 
 def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:

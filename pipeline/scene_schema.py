@@ -46,12 +46,20 @@ class ModalTable(StrictTable):
         return self
 
 
+class MapTable(StrictTable):
+    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two axes."""
+
+    sweep: Text
+    count: Annotated[Count, Field(le=6)] = 3
+
+
 class AnalysesTable(StrictTable):
     """What is computed."""
 
     static: StaticTable | None = None
     modal: ModalTable | None = None
     frf: FrfTable | None = None
+    map: MapTable | None = None
 
 
 def _read_span(value: object) -> object:

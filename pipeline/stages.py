@@ -7,7 +7,9 @@ from headstock.geometry.components import Component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
 
-StageKind = Literal["mesh", "reduce", "rigid", "segment", "load", "couple", "static", "recover", "modal", "frf", "place", "write"]
+StageKind = Literal[
+    "mesh", "reduce", "rigid", "segment", "load", "couple", "static", "recover", "modal", "frf", "place", "map", "write"
+]
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,8 @@ class Stage:
     Attributes:
         kind: ``mesh`` and ``reduce`` an elastic component, make a ``rigid`` one from its mass properties, ``segment`` one
             into a row of rigid bodies, ``load`` an imported
-            superelement, ``couple`` the machine in a pose, ``place`` a lumped mechanism in one, ``static`` analysis, ``recover`` the
+            superelement, ``couple`` the machine in a pose, ``place`` a lumped
+            mechanism in one, ``map`` it over many, ``static`` analysis, ``recover`` the
             response at probes, ``modal`` analysis, ``frf`` frequency response, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.

@@ -35,5 +35,5 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
 
 def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:
     kinds = [stage.kind for stage in plan_scene(load_scene(SCENE, variant="lumped")).stages]
-    assert set(kinds) == {"rigid", "place", "static", "modal", "write"}
+    assert set(kinds) == {"rigid", "place", "static", "modal", "map", "write"}
     assert kinds.count("place") == 3

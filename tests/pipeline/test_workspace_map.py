@@ -1,0 +1,63 @@
+"""The map of a lumped mechanism is what single poses give, and says where there is nothing to give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.app.report_map import draw_map, map_values
+from headstock.app.summary_tables import list_tables
+from headstock.pipeline.results import Json, summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene_errors import SceneError
+from headstock.pipeline.scene_loader import load_scene
+
+SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
+
+
+def run(folder: Path, *overrides: str) -> Json:
+    return summarise(run_scene(load_scene(SCENE, variant="lumped", overrides=overrides), folder, comm=MPI.COMM_SELF))
+
+
+@pytest.fixture(scope="module")
+def summary(tmp_path_factory: pytest.TempPathFactory) -> Json:
+    spans = '{ X = ["-130 mm", "160 mm", 3], Y = ["-380 mm", "390 mm", 4], Z = ["200 mm", "200 mm", 1] }'
+    return run(tmp_path_factory.mktemp("map"), f"sweeps.plane.axes={spans}", 'analyses.modal.poses="config_2"')
+
+
+def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: Json) -> None:
+    found = summary["map"]
+    alone, legs = summary["modal"][0], summary["mechanism"]["config_2"]
+    assert found["positions"][0][0] == -0.13 and found["positions"][1][-1] == 0.39 and found["fixed"] == {"Z": 0.2}
+    for number in range(3):
+        assert found["quantities"][f"f{number + 1}_hz"][0][-1] == pytest.approx(alone["frequencies_hz"][number], rel=1e-12)
+    assert found["quantities"]["condition_number"][0][-1] == pytest.approx(legs["condition_number"], rel=1e-12)
+    compliance = np.diag(summary["static_poses"]["config_2"]["tcp"]["compliance_um_per_kN"])
+    for place, axis in enumerate("xyz"):
+        assert found["quantities"][f"stiffness_{axis}_n_per_um"][0][-1] == pytest.approx(1e3 / compliance[place], rel=1e-9)
+
+
+def test_the_first_frequency_falls_as_the_legs_grow(summary: Json) -> None:
+    assert summary["map"]["f1_and_mean_leg_correlation"] < -0.95
+
+
+def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: Path) -> None:
+    spans = '{ X = ["-300 mm", "2 m", 4], Y = ["-100 mm", "100 mm", 3], Z = ["200 mm", "200 mm", 1] }'
+    found = run(tmp_path, f"sweeps.plane.axes={spans}")
+    values = map_values(found["map"], "f1_hz")
+    assert np.isfinite(values[0]).all() and np.isnan(values[-1]).all()
+    table = next(table for table in list_tables(found) if table.name == "map")
+    assert table.rows[-1][-1] is None and len(table.rows) == 12
+    assert "data:image/png;base64" in str(draw_map(found["map"], "f1_hz"))
+
+
+@pytest.mark.parametrize(("override", "key", "message"), [
+    ('analyses.map.sweep="plan"', "analyses.map.sweep", "did you mean 'plane'?"),
+    ('sweeps.plane.axes={ X = ["0 mm", "1 mm", 3] }', "analyses.map.sweep", "exactly two axes"),
+    ('sweeps.plane.axes={ X = ["0 mm", "1 mm", 200], Y = ["0 mm", "1 mm", 200] }', "analyses.map.sweep", "10000 at most"),
+])  # fmt: skip
+def test_a_map_that_cannot_be_made_is_refused(override: str, key: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, variant="lumped", overrides=[override])
+    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
