@@ -13,6 +13,7 @@ from markupsafe import Markup
 from headstock.app.console import sort_shares
 from headstock.app.frf_tables import tabulate_response
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
+from headstock.app.report_contour import draw_contour
 from headstock.app.report_frf import draw_response, has_more_fields
 from headstock.app.report_map import draw_map
 from headstock.app.report_notes import judge_numbers
@@ -192,7 +193,7 @@ def report_environment() -> jinja2.Environment:
     environment.filters |= filters
     drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
-    drawing |= {"draw_map": draw_map}
+    drawing |= {"draw_map": draw_map, "draw_contour": draw_contour}
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

@@ -40,9 +40,17 @@ def list_tables(summary: Json) -> list[PlainTable]:
             tables += [_compliance_table(f"compliance_{stem}", point), _budget_table(f"budget_{stem}", point["budget"])]
     tables += [_mode_table(modes) for modes in summary["modal"]]
     tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
+    if "contouring" in summary:
+        tables.append(_contour_table(summary["contouring"]["series"]))
     if "map" in summary:
         tables.append(_map_table(summary["map"]))
     return tables
+
+
+def _contour_table(series: Json) -> PlainTable:
+    headings = ("time [s]", *(f"gap {d} [um]" for d in DIRECTIONS), *(f"force of leg {number} [N]" for number in (1, 2, 3)))
+    rows = zip(series["time_s"], series["gap_um"], series["leg_force_n"], strict=True)
+    return PlainTable("contour", headings, tuple((time, *gap, *legs) for time, gap, legs in rows))
 
 
 def _map_table(found: Json) -> PlainTable:

@@ -1,5 +1,7 @@
 """From a scene's mechanism table to the mounted mechanism, and from tool poses to where everything stands."""
 
+from pathlib import Path
+
 import numpy as np
 
 from headstock.geometry.exechon import ExechonDimensions
@@ -7,9 +9,15 @@ from headstock.geometry.exechon_poses import MountedExechon, solve_tool_pose
 from headstock.geometry.frames import FloatArray, rotation_about
 from headstock.geometry.machines import Pose
 from headstock.pipeline.component_builder import build_frame
-from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, LegSprings, MapRequest, SceneMechanism
+from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, ContouringRequest, LegSprings, MapRequest, SceneMechanism
+from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import ExechonTable, MechanismTable
+from headstock.solvers.cutting_materials import CUTTING_MATERIALS
+from headstock.solvers.milling_forces import EndMill, MillingCut
+from headstock.solvers.tool_paths import SquareContour
+
+FORCE_SUFFIXES = (".csv",)
 
 
 def build_mechanism(table: MechanismTable) -> SceneMechanism:
@@ -69,3 +77,35 @@ def build_map(scene: SceneTable) -> MapRequest | None:
     first, second = (name for name, values in spans.items() if len(values) > 1)
     fixed = {name: float(values[0]) for name, values in spans.items() if len(values) == 1}
     return MapRequest(((first, spans[first]), (second, spans[second])), fixed, request.count)
+
+
+def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]) -> ContouringRequest | None:
+    """The contour a scene asks for.
+
+    Raises:
+        ValueError: The file of measured forces is missing or out of bounds.
+    """
+    table = scene.analyses.contouring
+    if table is None:
+        return None
+    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
+    # with measured forces the coefficients play no part
+    name: str = table.material or "al7075-t6"
+    coefficients = CUTTING_MATERIALS[name]
+    return ContouringRequest(
+        contour=SquareContour(
+            side=table.side,
+            center=(table.at[0], table.at[1]),
+            height=table.at[2],
+            offset=0.5 * table.mill.diameter,
+            lead=table.lead,
+            feed=table.feed,
+            window=table.averaging,
+        ),
+        cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
+        model=table.model,
+        steps_per_turn=table.steps_per_turn,
+        damping_ratios=damping_ratios,
+        material=table.material,
+        forces=None if table.forces is None else resolve_file(folder, table.forces, FORCE_SUFFIXES),
+    )

@@ -1,14 +1,16 @@
 """Checks of a scene's mechanism: what it carries, its limits, and that it can take every pose."""
 
 import math
+from pathlib import Path
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
 from headstock.geometry.machines import Pose
 from headstock.geometry.mechanisms import Mechanism
-from headstock.pipeline.mechanism_builder import build_dimensions, build_mechanism, solve_pose
+from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism, solve_pose
 from headstock.pipeline.scene import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
@@ -21,10 +23,11 @@ def is_lumped(scene: SceneTable) -> bool:
     return scene.mechanism is not None and scene.mechanism.model == "lumped"
 
 
-def check_mechanism(scene: SceneTable, findings: Findings, *, complete: bool) -> None:
+def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
     """Report what is wrong with a mechanism and the poses it is to take."""
     table = scene.mechanism
     _check_map(scene, findings)
+    _check_contouring(scene, folder, findings)
     if table is None:
         return
     known = len(findings.problems)
@@ -107,6 +110,24 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
         findings.add((*key, "sweep"), "a map needs a sweep in which exactly two axes have more than one position")
     elif math.prod(counts) > MAX_MAP_POSES:
         findings.add((*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most")
+
+
+def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
+    table = scene.analyses.contouring
+    if table is None:
+        return
+    key = ("analyses", "contouring")
+    if not is_lumped(scene):
+        findings.add(key, "contours are run on a lumped mechanism; this scene has none")
+    if (table.material is None) == (table.forces is None):
+        findings.add(key, 'needs either the material that is cut, or forces = "measured.csv"')
+    if table.radial_depth > 0.5 * table.mill.diameter:
+        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+    if table.forces is not None:
+        try:
+            resolve_file(folder, table.forces, FORCE_SUFFIXES)
+        except ValueError as error:
+            findings.add((*key, "forces"), str(error))
 
 
 def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:

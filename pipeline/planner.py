@@ -26,7 +26,7 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.scene import Analyses, FrfRequest, Limits, MapRequest, ModalRequest, Scene
+from headstock.pipeline.scene import Analyses, ContouringRequest, FrfRequest, Limits, MapRequest, ModalRequest, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -62,6 +62,8 @@ def plan_scene(scene: Scene) -> Plan:
         stages += _pose_stages(pose, scene)
     if scene.analyses.map is not None:
         stages.append(Stage("map", None, _describe_map(scene.analyses.map)))
+    if scene.analyses.contouring is not None:
+        stages.append(Stage("contour", None, _describe_contour(scene.analyses.contouring)))
     stages.append(Stage("write", None, "results.h5 and summary.json"))
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
@@ -171,6 +173,11 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     if frf is not None and _is_asked(pose.name, frf.poses):
         stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
     return stages
+
+
+def _describe_contour(request: ContouringRequest) -> str:
+    source = f"forces of {request.forces.name}" if request.forces is not None else f"cutting forces in {request.material}"
+    return f"tool gap around a block of {1e3 * request.contour.side:g} mm, {request.model}, {source}"
 
 
 def _describe_map(request: MapRequest) -> str:

@@ -135,6 +135,7 @@ class Results:
         warnings: In plain words.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
+        contouring: Tool gap around a milled block, as in the summary.
         map: Frequencies, stiffness and condition number over a plane of poses, as in the summary.
         mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
         files: SHA-256 by file name of what was written beside the summary.
@@ -155,6 +156,7 @@ class Results:
     files: dict[str, str] = field(default_factory=dict)
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None
+    contouring: Json | None = None
     responses: tuple[PoseResponse, ...] = ()
 
 
@@ -186,6 +188,8 @@ def summarise(results: Results) -> Json:
         summary["probes"] = {
             pose: {name: _summarise_probe(name, probe) for name, probe in probes.items()} for pose, probes in results.probes.items()
         }
+    if results.contouring is not None:
+        summary["contouring"] = results.contouring
     if results.map is not None:
         summary["map"] = results.map
     if results.mechanism:

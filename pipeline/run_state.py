@@ -48,6 +48,7 @@ class RunState:
     placed: PlacedMechanism | None = None
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None
+    contouring: Json | None = None
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)

@@ -17,6 +17,7 @@ from headstock.pipeline.component_stages import (
     run_segment_stage,
 )
 from headstock.pipeline.content_keys import library_versions
+from headstock.pipeline.contouring_stage import run_contour_stage
 from headstock.pipeline.frf_stages import run_frf_stage
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
@@ -54,6 +55,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "modal": run_modal_stage,
     "place": run_place_stage,
     "map": run_map_stage,
+    "contour": run_contour_stage,
     "frf": run_frf_stage,
 }
 # what differs once a lumped mechanism has been placed
@@ -126,6 +128,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         modal=tuple(state.modal),
         mechanism=state.mechanism,
         map=state.map,
+        contouring=state.contouring,
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),

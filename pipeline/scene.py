@@ -11,7 +11,9 @@ from headstock.geometry.exechon_poses import MountedExechon
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
 from headstock.pipeline.study_points import Study
+from headstock.solvers.milling_forces import MillingCut
 from headstock.solvers.second_order import Motion, Port
+from headstock.solvers.tool_paths import SquareContour
 
 # the axes of a mechanism's tool pose: place of the tool point, and turns of the tool about the machine's x and y
 TOOL_AXES = ("X", "Y", "Z", "A", "B")
@@ -78,6 +80,29 @@ class MapRequest:
 
 
 @dataclass(frozen=True)
+class ContouringRequest:
+    """A contour on a lumped mechanism.
+
+    Attributes:
+        contour: The way of the tool.
+        cut: Tool, material and engagement.
+        model: ``linear`` along the path, or the full equations.
+        steps_per_turn: Time steps per turn of the spindle.
+        damping_ratios: Of the first, second, ... mode, the last for all others; empty for none.
+        material: Name of the work material; None with measured forces.
+        forces: File of measured forces; None for computed ones.
+    """
+
+    contour: SquareContour
+    cut: MillingCut
+    model: Literal["linear", "nonlinear"]
+    steps_per_turn: int
+    damping_ratios: tuple[float, ...] = ()
+    material: str | None = None
+    forces: Path | None = None
+
+
+@dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""
 
@@ -85,6 +110,7 @@ class Analyses:
     modal: ModalRequest | None = None
     frf: FrfRequest | None = None
     map: MapRequest | None = None
+    contouring: ContouringRequest | None = None
 
 
 @dataclass(frozen=True)

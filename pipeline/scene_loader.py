@@ -7,7 +7,7 @@ from typing import Any
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
-from headstock.pipeline.mechanism_builder import build_map, build_mechanism
+from headstock.pipeline.mechanism_builder import build_contouring, build_map, build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.rail_checks import check_carriages
 from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
@@ -50,7 +50,7 @@ def load_scene(
         complete = not findings.problems
         check_references(table, raw, findings)
         check_physics(table, path.parent, findings, complete=complete)
-        check_mechanism(table, findings, complete=complete)
+        check_mechanism(table, path.parent, findings, complete=complete)
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
@@ -68,7 +68,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         path=path,
         machine=build_machine(table, name, path.parent),
         poses=poses,
-        analyses=_build_analyses(table, tuple(poses)),
+        analyses=_build_analyses(table, tuple(poses), path.parent),
         effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
         variants=tuple(table.variants),
         raw=raw,
@@ -84,7 +84,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
     )
 
 
-def _build_analyses(table: SceneTable, poses: tuple[str, ...]) -> Analyses:
+def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
     static, modal = table.analyses.static, table.analyses.modal
     static_request = modal_request = None
     if static is not None:
@@ -92,7 +92,8 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...]) -> Analyses:
     if modal is not None:
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
         modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
-    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table))
+    contouring = build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False)))
+    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table), contouring)
 
 
 def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:

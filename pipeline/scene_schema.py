@@ -6,6 +6,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.pipeline.schema_contouring import ContouringTable
 from headstock.pipeline.schema_frequency import FrfTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.schema_studies import StudyTable
@@ -60,6 +61,7 @@ class AnalysesTable(StrictTable):
     modal: ModalTable | None = None
     frf: FrfTable | None = None
     map: MapTable | None = None
+    contouring: ContouringTable | None = None
 
 
 def _read_span(value: object) -> object:

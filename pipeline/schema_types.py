@@ -86,6 +86,10 @@ PositiveRotationalStiffness = Annotated[
     float, BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)), _POSITIVE, _describe(units.ROTATIONAL_STIFFNESS)
 ]
 Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _describe(units.FORCE)]
+PositiveSpeed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, _describe(units.SPEED)]
+PositiveAngularSpeed = Annotated[
+    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, _describe(units.ANGULAR_SPEED)
+]
 Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), _describe(units.MOMENT)]
 Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), _describe(units.ACCELERATION)]
 AxisPosition = Annotated[Quantity, BeforeValidator(_read_quantity(units.LENGTH, units.ANGLE)), _describe(units.LENGTH, units.ANGLE)]

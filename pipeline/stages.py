@@ -8,7 +8,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
 
 StageKind = Literal[
-    "mesh", "reduce", "rigid", "segment", "load", "couple", "static", "recover", "modal", "frf", "place", "map", "write"
+    "mesh", "reduce", "rigid", "segment", "load", "couple", "static", "recover", "modal", "frf", "place", "map", "contour", "write"
 ]
 
 
@@ -20,7 +20,7 @@ class Stage:
         kind: ``mesh`` and ``reduce`` an elastic component, make a ``rigid`` one from its mass properties, ``segment`` one
             into a row of rigid bodies, ``load`` an imported
             superelement, ``couple`` the machine in a pose, ``place`` a lumped
-            mechanism in one, ``map`` it over many, ``static`` analysis, ``recover`` the
+            mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static`` analysis, ``recover`` the
             response at probes, ``modal`` analysis, ``frf`` frequency response, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.

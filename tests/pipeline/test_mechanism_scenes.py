@@ -25,6 +25,9 @@ SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
     ('mechanism.dimensions.base=["1 m"]', "mechanism.dimensions.base", "needs at least 3"),
     ('mechanism.springs.joint="0 N/um"', "mechanism.springs.joint", "above zero"),
     ('points.tcp.work="platform.top"', "points.tcp", "against ground only"),
+    ('analyses.contouring.radial_depth="11 mm"', "analyses.contouring.radial_depth", "more than the radius"),
+    ('analyses.contouring.forces="missing.csv"', "analyses.contouring", "either the material"),
+    ('analyses.contouring.material="steel"', "analyses.contouring.material", "is not one of"),
     ('loads={ push = { at = "spindle.tip", force = ["1 N", "0 N", "0 N"] } }', "loads.push", "no loads but gravity"),
 ])  # fmt: skip
 def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: str) -> None:
@@ -35,5 +38,5 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
 
 def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:
     kinds = [stage.kind for stage in plan_scene(load_scene(SCENE, variant="lumped")).stages]
-    assert set(kinds) == {"rigid", "place", "static", "modal", "map", "write"}
+    assert set(kinds) == {"rigid", "place", "static", "modal", "map", "contour", "write"}
     assert kinds.count("place") == 3

@@ -10,6 +10,7 @@ from headstock.app.report_map import draw_map, map_values
 from headstock.app.summary_tables import list_tables
 from headstock.pipeline.results import Json, summarise
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene import keep_analyses
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 
@@ -17,7 +18,8 @@ SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 
 
 def run(folder: Path, *overrides: str) -> Json:
-    return summarise(run_scene(load_scene(SCENE, variant="lumped", overrides=overrides), folder, comm=MPI.COMM_SELF))
+    scene = keep_analyses(load_scene(SCENE, variant="lumped", overrides=overrides), ("static", "modal", "map"))
+    return summarise(run_scene(scene, folder, comm=MPI.COMM_SELF))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,110 @@
+"""Measured forces from a CSV file: read with every fault named, and resampled so that impulses are kept."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+
+HEADINGS = ("time", "fx", "fy", "fz")
+LARGEST_GAP = 5.0  # in typical sample distances: beyond it something is missing, not uneven
+MOST_BYTES = 500_000_000
+
+
+class ForceFileError(HeadstockError):
+    """A file of measured forces cannot be used."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRecord:
+    """Measured forces: ``(n,)`` rising times [s] and ``(n, 3)`` forces on the tool in the machine frame [N]."""
+
+    times: FloatArray
+    forces: FloatArray
+
+
+def read_forces(path: Path) -> ForceRecord:
+    """Read a CSV file with the columns ``time`` [s], ``fx``, ``fy``, ``fz`` [N].
+
+    Raises:
+        ForceFileError: A column is missing, an entry is no finite number, times do not rise, or samples are missing; says where.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ForceFileError(f"{path} has {path.stat().st_size / 1e6:.0f} MB; a force file may have {MOST_BYTES / 1e6:.0f} MB")
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ForceFileError(f"{path} cannot be read: {error}") from error
+    columns = _find_columns(path, rows[0] if rows else [])
+    values = np.array([_read_row(path, number, row, columns) for number, row in enumerate(rows[1:], 2) if row])
+    if len(values) < 2:
+        raise ForceFileError(f"{path} holds {len(values)} samples; at least two are needed")
+    _check_times(path, values[:, 0])
+    return ForceRecord(values[:, 0], values[:, 1:])
+
+
+def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
+    """Forces ``(n, 3)`` at even times, each the mean over the step around it: the impulse is kept and nothing folds back.
+
+    Args:
+        record: Linear between its samples.
+        times: ``(n,)`` even steps within the record [s].
+
+    Raises:
+        ForceFileError: The record does not cover the times.
+    """
+    if times[0] < record.times[0] or times[-1] > record.times[-1]:
+        raise ForceFileError(
+            f"the forces were measured from {record.times[0]:g} to {record.times[-1]:g} s, and {times[0]:g} to {times[-1]:g} s are needed"
+        )
+    half = 0.5 * (times[1] - times[0])
+    low, high = (np.clip(times + side, record.times[0], record.times[-1]) for side in (-half, half))
+    return np.stack([(_impulse(record, high, axis) - _impulse(record, low, axis)) / (high - low) for axis in range(3)], axis=-1)
+
+
+def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
+    """Integral of the piecewise linear force up to times, exactly."""
+    force, spans = record.forces[:, axis], np.diff(record.times)
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * spans)])
+    left = np.clip(np.searchsorted(record.times, times, side="right") - 1, 0, len(spans) - 1)
+    part = times - record.times[left]
+    slope = (force[left + 1] - force[left]) / spans[left]
+    return np.asarray(whole[left] + part * (force[left] + 0.5 * slope * part))
+
+
+def _find_columns(path: Path, headings: list[str]) -> list[int]:
+    found = [heading.strip().lower().split("[")[0].strip() for heading in headings]
+    missing = [name for name in HEADINGS if name not in found]
+    if missing:
+        raise ForceFileError(f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(HEADINGS)}")
+    return [found.index(name) for name in HEADINGS]
+
+
+def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float]:
+    try:
+        values = [float(row[column]) for column in columns]
+    except (ValueError, IndexError) as error:
+        raise ForceFileError(f"{path}:{number} is no row of numbers: {','.join(row)[:80]!r}") from error
+    if not np.isfinite(values).all():
+        raise ForceFileError(
+            f"{path}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the place"
+        )
+    return values
+
+
+def _check_times(path: Path, times: FloatArray) -> None:
+    steps = np.diff(times)
+    if not (steps > 0.0).all():
+        place = int(np.argmax(steps <= 0.0))
+        raise ForceFileError(f"{path}: time does not rise after {times[place]:.6g} s (sample {place + 1}); sort or cut the record")
+    typical = float(np.median(steps))
+    if steps.max() > LARGEST_GAP * typical:
+        place = int(np.argmax(steps))
+        raise ForceFileError(
+            f"{path}: samples are missing between {times[place]:.6g} and {times[place + 1]:.6g} s: the gap is"
+            f" {steps[place] / typical:.0f} times the usual distance of samples"
+        )

@@ -1,0 +1,54 @@
+"""A contour as a scene runs it: computed and measured forces, and what the summary and the report tell."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.app.report_contour import draw_contour
+from headstock.app.summary_tables import _contour_table
+from headstock.geometry.errors import PoseError
+from headstock.pipeline.contouring_runs import run_contour, summarise_contour
+from headstock.pipeline.force_files import ForceFileError, ForceRecord
+from headstock.validation.contouring_cases import contour_request
+from headstock.validation.tripteor_machine import Tripteor, load_tripteor
+
+SHORT = 1.2
+
+
+@pytest.fixture(scope="module")
+def machine() -> Tripteor:
+    return load_tripteor()
+
+
+def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine: Tripteor) -> None:
+    request = contour_request("al7075-t6")
+    computed = run_contour(machine.scene, machine.model, request, until=0.5)
+    turn = machine.scene.mounted.mounting.rotation
+    record = ForceRecord(computed.times, computed.force @ turn.T)
+    measured = run_contour(machine.scene, machine.model, request, record=record, until=0.5)
+    # the mean over a step instead of the value in its middle
+    assert np.abs(measured.gap - computed.gap).max() < 0.02 * np.ptp(computed.gap, axis=0).max()
+    with pytest.raises(ForceFileError, match="are needed"):
+        run_contour(machine.scene, machine.model, request, record=record, until=0.6)
+
+
+def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -> None:
+    request = contour_request("al7075-t6")
+    run = run_contour(machine.scene, machine.model, request, until=SHORT)
+    found = summarise_contour(machine.scene, machine.model, request, run)
+    assert [face["face"] for face in found["faces"]] == [1]
+    assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
+    assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
+    assert any("which way x points" in text for text in found["assumed"])
+    table = _contour_table(found["series"])
+    assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 7
+    for picture in ("gap", "legs"):
+        assert str(draw_contour(found, picture)).count("<polyline") == 3
+
+
+def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:
+    request = contour_request("al7075-t6")
+    far = dataclasses.replace(request, contour=dataclasses.replace(request.contour, center=(1.2, 0.0)))
+    with pytest.raises(PoseError, match="the path at t ="):
+        run_contour(machine.scene, machine.model, far, until=0.1)
