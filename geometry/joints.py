@@ -34,6 +34,7 @@ class ScrewShaft:
         lead: Travel per turn [m]; zero where the shaft's twist is not to be seen.
         bearing: Axial stiffness of the fixed bearing [N/m].
         coupling: Torsional stiffness between the shaft and the motor, which is held [N m/rad].
+        reach: Interface up to which the shaft's free length is measured; None for the bearing's own.
         far: A second fixed bearing, at the shaft's other end; None where that end floats.
         far_bearing: Its axial stiffness [N/m].
         length: Of the shaft between both bearings [m]; infinite without a second one.
@@ -44,6 +45,7 @@ class ScrewShaft:
     lead: float = 0.0
     bearing: float = np.inf
     coupling: float = np.inf
+    reach: JointEnd | None = None
     far: JointEnd | None = None
     far_bearing: float = np.inf
     length: float = np.inf
@@ -61,7 +63,9 @@ class Joint:
         name: Name in the scene.
         ends: The two ends.
         kind: What the scene called it.
-        rotation: ``(3, 3)`` joint axes in the machine frame.
+        rotation: ``(3, 3)`` joint axes in the machine frame, all fixed to the body that carries the joint point.
+        second_axis: ``(3,)`` axis of a universal joint that is fixed to its second end, as ``rotation``'s x axis is to its first;
+            the joint's z axis lies closest to it in every pose. None for other joints.
         held: Joint dofs (0..5 for x y z rx ry rz of the joint frame) that are eliminated: no relative motion.
         stiffness: ``(6, 6)`` stiffness between the ends in the joint frame [N/m, N m/rad], zero on held dofs.
         damping: ``(6, 6)`` viscous damping in the joint frame [N s/m, N m s/rad].
@@ -82,6 +86,7 @@ class Joint:
     length: float | None = None
     screw: ScrewShaft | None = None
     loss_factor: float = 0.0
+    second_axis: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
 from headstock.geometry.joints import Axis, Joint, JointEnd
+from headstock.geometry.tool_mechanisms import TOOL_AXES, ToolMechanism, place_carriers
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Machine:
         loads: By name.
         probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
+        mechanism: The closed-loop mechanism that carries components, if any: their placements, and points and axes of joints
+            whose leading end is one of them, are given in the frame of the mark that carries them.
     """
 
     name: str
@@ -67,24 +70,31 @@ class Machine:
     loads: dict[str, Load] = field(default_factory=dict)
     probes: dict[str, Probe] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    mechanism: ToolMechanism | None = None
 
 
 def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
     """Frame of every component in the machine frame when the axes stand at a pose.
 
     Axes act in chains: an axis that carries another axis' base carries its direction with it, so axes are applied from the
-    one that carries most components to the one that carries least.
+    one that carries most components to the one that carries least. A mechanism closes its loops first.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves an axis' limits.
+        PoseError: The mechanism cannot take the pose.
     """
+    mechanism = machine.mechanism
     for name, position in pose.positions.items():
+        if mechanism is not None and name in TOOL_AXES:
+            continue
         if name not in machine.axes:
             raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
         low, high = machine.axes[name].limits
         if not low <= position <= high:
             raise ValueError(f"pose {pose.name!r}: axis {name} at {position:g} is outside its limits {low:g} .. {high:g}")
     frames = {name: component.placement for name, component in machine.components.items()}
+    carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
+    frames |= {name: compose_frames(carrier, frames[name]) for name, carrier in carriers.items() if name in frames}
     # innermost first: a motion given at zero position is then carried along by the motions of the axes below it
     for axis in sorted(machine.axes.values(), key=lambda axis: len(axis.moves)):
         motion = axis_motion(axis, pose.positions.get(axis.name, 0.0))
@@ -114,7 +124,10 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
     }
     joints = {
         name: dataclasses.replace(
-            joint, rotation=rotation @ joint.rotation, point=None if joint.point is None else carry_point(joint.point)
+            joint,
+            rotation=rotation @ joint.rotation,
+            second_axis=None if joint.second_axis is None else rotation @ joint.second_axis,
+            point=None if joint.point is None else carry_point(joint.point),
         )
         for name, joint in machine.joints.items()
     }

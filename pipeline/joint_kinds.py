@@ -201,6 +201,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         length=table.length,
         screw=None if table.screw is None else build_shaft(table.screw),
         loss_factor=table.loss_factor,
+        second_axis=np.array(table.normal) if table.kind == "universal" and table.normal is not None else None,
     )
 
 
@@ -214,6 +215,7 @@ def build_shaft(table: ScrewTable) -> ScrewShaft:
         lead=table.lead or 0.0,
         bearing=table.bearing or math.inf,
         coupling=table.coupling or math.inf,
+        reach=table.reach,
         far=table.far,
         far_bearing=table.far_bearing or math.inf,
         length=table.length or math.inf,

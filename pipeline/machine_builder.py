@@ -18,6 +18,7 @@ from headstock.pipeline.component_builder import (
 from headstock.pipeline.effects import read_gravity
 from headstock.pipeline.joint_kinds import build_joint, connects, tie_bearings
 from headstock.pipeline.machine_graph import Edge, moved_components
+from headstock.pipeline.mechanism_builder import build_mechanism
 from headstock.pipeline.rail_checks import choose_stations
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import PatchTable
@@ -48,6 +49,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         loads={key: _build_load(key, table, components) for key, table in scene.loads.items()},
         probes={key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2])) for key, table in scene.probes.items()},
         gravity=read_gravity(scene.effects.get("gravity", True)),
+        mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
     )
     if "orientation" not in scene.model_fields_set:
         return machine

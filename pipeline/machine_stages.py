@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system
 from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
+from headstock.pipeline.mechanism_poses import describe_state
 from headstock.pipeline.results import PointCompliance, PoseModes
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
@@ -36,6 +38,8 @@ def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
         name: component_skin(state.plan.components[name], part.superelement, part.skin) for name, part in state.reduced.items()
     }
     state.views[pose.name] = view_pose(state.coupled, state.scene.machine)
+    if state.scene.mechanism is not None:
+        state.mechanism[pose.name] = describe_state(state.scene.mechanism, solve_pose(state.scene.mechanism, pose.positions))
     return Outcome(detail=f"{len(state.coupled.system.labels)} dofs")
 
 

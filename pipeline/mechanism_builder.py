@@ -1,15 +1,14 @@
-"""From a scene's mechanism table to the mounted mechanism, and from tool poses to where everything stands."""
+"""From a scene's mechanism table to the mounted mechanism, and what is asked of it."""
 
 from pathlib import Path
 
 import numpy as np
 
 from headstock.geometry.exechon import ExechonDimensions
-from headstock.geometry.exechon_poses import MountedExechon, solve_tool_pose
-from headstock.geometry.frames import FloatArray, rotation_about
-from headstock.geometry.machines import Pose
+from headstock.geometry.exechon_poses import MountedExechon
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.component_builder import build_frame
-from headstock.pipeline.scene import TOOL_POINT, TOOL_TURNS, ContouringRequest, LegSprings, MapRequest, SceneMechanism
+from headstock.pipeline.scene import ContouringRequest, LegSprings, MapRequest, SceneMechanism
 from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import ExechonTable, MechanismTable
@@ -45,24 +44,6 @@ def build_dimensions(table: ExechonTable) -> ExechonDimensions:
         wrist=(table.wrist[0], table.wrist[1]),
         tool_length=table.tool_length,
     )
-
-
-def tool_pose(mechanism: SceneMechanism, pose: Pose) -> tuple[FloatArray, FloatArray]:
-    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the tool about x, then about y."""
-    point = np.array([pose.positions.get(axis, 0.0) for axis in TOOL_POINT])
-    direction = mechanism.tool
-    for axis, about in zip(TOOL_TURNS, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
-        direction = rotation_about(np.array(about), pose.positions.get(axis, 0.0)) @ direction
-    return point, direction
-
-
-def solve_pose(mechanism: SceneMechanism, pose: Pose) -> FloatArray:
-    """Coordinates of the mechanism in a pose.
-
-    Raises:
-        PoseError: The pose is out of reach, singular or beyond a joint's limits.
-    """
-    return solve_tool_pose(mechanism.mounted, *tool_pose(mechanism, pose))
 
 
 def build_map(scene: SceneTable) -> MapRequest | None:

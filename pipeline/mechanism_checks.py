@@ -5,10 +5,9 @@ from pathlib import Path
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
-from headstock.geometry.machines import Pose
 from headstock.geometry.mechanisms import Mechanism
-from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism, solve_pose
-from headstock.pipeline.scene import TOOL_AXES, TOOL_POINT
+from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT, solve_pose
+from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
@@ -31,6 +30,8 @@ def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, comp
     if table is None:
         return
     known = len(findings.problems)
+    if "orientation" in scene.model_fields_set:
+        findings.add(("orientation",), "a mechanism is set up by its own `at` and `rotate`; move orientation there")
     mechanism = exechon_mechanism(build_dimensions(table.dimensions))
     _check_carried(table, mechanism, scene, findings)
     _check_limits(table, mechanism, findings)
@@ -133,8 +134,7 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
 def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:
     mechanism = build_mechanism(table)
     for name, positions in scene.poses.items():
-        pose = Pose(name, {axis: value.value for axis, value in positions.items() if axis in TOOL_AXES})
         try:
-            solve_pose(mechanism, pose)
+            solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
         except PoseError as error:
             findings.add(("poses", name), f"cannot be taken: {error}")

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from headstock.geometry.exechon import LEGS
-from headstock.geometry.exechon_poses import condition_numbers
+from headstock.geometry.exechon import LEGS, LENGTHS
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
+from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import (
     PlacedMechanism,
@@ -15,8 +15,8 @@ from headstock.pipeline.lumped_machine import (
     spring_shares,
 )
 from headstock.pipeline.machine_views import PointView, PoseView, ShiftArray, component_skin
-from headstock.pipeline.mechanism_builder import solve_pose
-from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes
+from headstock.pipeline.mechanism_poses import describe_state
+from headstock.pipeline.results import PointCompliance, PoseModes
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.scene import SceneMechanism
 from headstock.pipeline.stages import Stage
@@ -40,11 +40,10 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
     own = {name: component.placement for name, component in state.plan.components.items()}
     model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity)
-    coordinates = solve_pose(mechanism, pose)
+    coordinates = solve_pose(mechanism, pose.positions)
     placed = place_mechanism(mechanism, model, coordinates, (superelements, own))
-    condition = float(condition_numbers(model.mechanism, coordinates))
-    rigid = {name: float(coordinates[model.mechanism.index(name)]) for name in (*model.mechanism.driven, *model.mechanism.passive)}
-    state.placed, state.mechanism[pose.name] = placed, MechanismPose(rigid, condition)
+    stand = describe_state(mechanism, coordinates)
+    state.placed, state.mechanism[pose.name] = placed, stand
     state.skins = {
         name: component_skin(state.plan.components[name], part.superelement, part.skin) for name, part in state.reduced.items()
     }
@@ -53,8 +52,8 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
         for name, point in state.scene.machine.points.items()
     }
     state.views[pose.name] = PoseView(dict(placed.placements), {}, points)
-    legs = ", ".join(f"{1e3 * rigid[name]:.1f}" for name in ("q1", "q2", "q3"))
-    return Outcome(detail=f"legs {legs} mm, condition number {condition:.2f}")
+    legs = ", ".join(f"{1e3 * stand.coordinates[name]:.1f}" for name in LENGTHS)
+    return Outcome(detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}")
 
 
 def run_lumped_static_stage(state: RunState, stage: Stage) -> Outcome:

@@ -7,17 +7,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from headstock.geometry.components import Fidelity
-from headstock.geometry.exechon_poses import MountedExechon
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
+from headstock.geometry.tool_mechanisms import ToolMechanism
 from headstock.pipeline.study_points import Study
 from headstock.solvers.milling_forces import MillingCut
 from headstock.solvers.second_order import Motion, Port
 from headstock.solvers.tool_paths import SquareContour
-
-# the axes of a mechanism's tool pose: place of the tool point, and turns of the tool about the machine's x and y
-TOOL_AXES = ("X", "Y", "Z", "A", "B")
-TOOL_POINT, TOOL_TURNS = TOOL_AXES[:3], TOOL_AXES[3:]
 
 
 @dataclass(frozen=True)
@@ -157,23 +153,17 @@ class LegSprings:
 
 
 @dataclass(frozen=True, eq=False)
-class SceneMechanism:
+class SceneMechanism(ToolMechanism):
     """The closed-loop mechanism of a scene.
 
     Attributes:
         kind: Which mechanism.
         model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the components it carries.
-        mounted: Dimensions, place and limits.
-        tool: ``(3,)`` direction of the tool in the machine frame where a pose does not turn it.
-        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to that mark.
         springs: For the lumped model.
     """
 
     kind: str
     model: Literal["lumped", "components"]
-    mounted: MountedExechon
-    tool: FloatArray
-    carries: dict[str, str]
     springs: LegSprings | None = None
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from headstock.geometry.joints import GROUND, JointEnd
-from headstock.pipeline.scene import TOOL_AXES
+from headstock.geometry.tool_mechanisms import TOOL_AXES
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_overrides import AS_WRITTEN, path_exists, split_variant
 from headstock.pipeline.scene_schema import AnalysesTable, SceneTable
@@ -96,8 +96,9 @@ def _check_joints(scene: SceneTable, names: SceneNames, findings: Findings) -> N
         key: KeyPath = ("joints", name, "between")
         for index, end in enumerate(joint.between):
             _check_end((*key, index), end, names, findings)
-        if joint.screw is not None and joint.screw.far is not None:
-            _check_end(("joints", name, "screw", "far"), joint.screw.far, names, findings)
+        for part in ("far", "reach") if joint.screw is not None else ():
+            if (named := getattr(joint.screw, part)) is not None:
+                _check_end(("joints", name, "screw", part), named, names, findings)
         first, second = joint.between
         if first.component == second.component:
             what = f"component {first.component!r}" if first.component else "ground"

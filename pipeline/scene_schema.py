@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
@@ -55,13 +55,18 @@ class MapTable(StrictTable):
 
 
 class AnalysesTable(StrictTable):
-    """What is computed."""
+    """What is computed; `false` leaves an analysis out, in a variant say."""
 
     static: StaticTable | None = None
     modal: ModalTable | None = None
     frf: FrfTable | None = None
     map: MapTable | None = None
     contouring: ContouringTable | None = None
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _leave_out(cls, value: object) -> object:
+        return None if value is False else value
 
 
 def _read_span(value: object) -> object:

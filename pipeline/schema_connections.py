@@ -42,6 +42,7 @@ class ScrewTable(StrictTable):
     lead: PositiveLength | None = None
     bearing: PositiveStiffness | None = None
     coupling: PositiveRotationalStiffness | None = None
+    reach: End | None = None
     far: End | None = None
     far_bearing: PositiveStiffness | None = None
     length: PositiveLength | None = None
@@ -54,6 +55,8 @@ class ScrewTable(StrictTable):
             raise problem(
                 'a second fixed bearing needs the shaft\'s length between both, and only it does; write far = "bed.bearing_2", length = "900 mm"'
             )
+        if self.far is not None and self.reach is not None:
+            raise problem("a shaft between two bearings has its own length; remove reach or far")
         if self.far is None and self.far_bearing is not None:
             raise problem('there is no second bearing; write far = "bed.bearing_2" too')
         if self.coupling is not None and self.lead is None:

@@ -46,7 +46,7 @@ class MechanismTable(StrictTable):
     """A closed-loop mechanism that carries components; the poses of the scene are then tool poses: X, Y, Z, A, B."""
 
     kind: Literal["exechon"]
-    model: Literal["lumped"] = "lumped"
+    model: Literal["lumped", "components"] = "lumped"
     dimensions: ExechonTable
     at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     rotate: Rotations = Field(default=[], validate_default=False)

@@ -8,7 +8,7 @@ import numpy as np
 from headstock.geometry.exechon_poses import survey_tool_poses
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
-from headstock.pipeline.mechanism_builder import tool_pose
+from headstock.geometry.tool_mechanisms import tool_pose
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.scene import MapRequest, SceneMechanism
 from headstock.pipeline.stages import Stage
@@ -59,7 +59,7 @@ def map_workspace(mechanism: SceneMechanism, model: CompliantMechanism, request:
     """Everything over the grid; poses out of reach or beyond a limit are NaN."""
     (first, low), (second, high) = request.axes
     poses = [Pose("", {**request.fixed, first: float(a), second: float(b)}) for a in low for b in high]
-    tools = [tool_pose(mechanism, pose) for pose in poses]
+    tools = [tool_pose(mechanism, pose.positions) for pose in poses]
     survey = survey_tool_poses(mechanism.mounted, np.array([tool[0] for tool in tools]), np.array([tool[1] for tool in tools]))
     good = survey.within & np.isfinite(survey.condition)
     shape = (len(low), len(high))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rotate_dofs
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
 from headstock.geometry.joints import Joint, JointEnd, ScrewShaft
 from headstock.geometry.machines import Machine
 from headstock.reduction.constraint_elimination import Elimination
@@ -79,7 +79,8 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSprin
 def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: JointSpring, layout: DofLayout) -> JointSpring:
     """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the axial motion."""
     axis = spring.frame.rotation[:, 0]
-    distance = float(abs((spring.frame.origin - locate_interface(layout, joint.ends[1])) @ axis))
+    bearing = joint.ends[1] if shaft.reach is None else shaft.reach
+    distance = float(abs((spring.frame.origin - locate_interface(layout, bearing)) @ axis))
     placed = place_screw(joint, shaft, distance)
     rows = spring.rows
     if shaft.far is not None:
@@ -158,21 +159,36 @@ def _connects(joint: Joint) -> bool:
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
-    """The joint frame, carried along by the component of its first end that is neither ground nor a rail."""
+    """The joint frame, carried along by the component of its first end that is neither ground nor a rail.
+
+    Of a universal joint the first axis stays with the first end and the second with the second end, as those of a cross do.
+    """
     end = _leading_end(joint, layout)
-    component = end.component
-    if component is None:
-        if joint.point is None:
+    point = joint.point
+    if end.component is None:
+        if point is None:
             raise ModelError(f"joint {joint.name!r}: ground has no place of its own; say where the joint is")
-        return Frame(joint.point, joint.rotation)
-    if component not in layout.placements or component not in machine.components:
-        raise ModelError(f"joint {joint.name!r}: there is no component {component!r}; components: {sorted(machine.components)}")
-    home, now = machine.components[component].placement, layout.placements[component]
-    motion = now.rotation @ home.rotation.T
-    if np.array_equal(now.rotation, home.rotation):
-        motion = np.eye(3)
-    point = locate_interface(layout, end) if joint.point is None else now.origin + motion @ (joint.point - home.origin)
-    return Frame(point, motion @ joint.rotation)
+        return Frame(point, joint.rotation)
+    if end.component not in layout.placements or end.component not in machine.components:
+        raise ModelError(f"joint {joint.name!r}: there is no component {end.component!r}; components: {sorted(machine.components)}")
+    home, now = machine.components[end.component].placement, layout.placements[end.component]
+    turn = _turn_of(end, machine, layout)
+    place = locate_interface(layout, end) if point is None else now.origin + turn @ (point - home.origin)
+    if joint.second_axis is None:
+        return Frame(place, turn @ joint.rotation)
+    first, second = (_turn_of(each, machine, layout) for each in joint.ends)
+    try:
+        return Frame(place, frame_axes(first @ joint.rotation[:, 0], second @ joint.second_axis))
+    except ValueError as error:
+        raise ModelError(f"joint {joint.name!r}: its two axes are parallel in this pose, and it can turn about one only") from error
+
+
+def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
+    """Rotation ``(3, 3)`` of the body behind an end since its axes and points were given; of a carried body all of it."""
+    if end.component is None:
+        return np.eye(3)
+    home, now = machine.components[end.component].placement, layout.placements[end.component]
+    return np.eye(3) if np.array_equal(now.rotation, home.rotation) else now.rotation @ home.rotation.T
 
 
 def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:

@@ -9,9 +9,9 @@ import numpy as np
 
 from headstock.geometry.exechon_poses import survey_tool_poses
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.meshing.component_meshing import describe_component
 from headstock.pipeline.lumped_machine import build_compliant_mechanism
-from headstock.pipeline.mechanism_builder import solve_pose
 from headstock.pipeline.scene import SceneMechanism
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.rigid_reduction import reduce_rigid
@@ -50,7 +50,9 @@ def load_tripteor(overrides: Sequence[str] = ()) -> Tripteor:
     rigid = {name: reduce_rigid(part, describe_component(part)) for name, part in parts.items()}
     placements = {name: part.placement for name, part in parts.items()}
     model = build_compliant_mechanism(scene.mechanism, rigid, placements, np.array(GRAVITY))
-    return Tripteor(scene.mechanism, model, {name: solve_pose(scene.mechanism, pose) for name, pose in scene.poses.items()})
+    return Tripteor(
+        scene.mechanism, model, {name: solve_pose(scene.mechanism, pose.positions) for name, pose in scene.poses.items()}
+    )
 
 
 def plane_states(tripteor: Tripteor, count: int) -> FloatArray:

@@ -59,3 +59,19 @@ def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary:
     )
     alike = next(modes for modes in summary["modal"] if modes["pose_name"] == "config_2")
     assert np.allclose(heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12)
+
+
+def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(summary: Json, tmp_path: Path) -> None:
+    scene = keep_analyses(load_scene(SCENE, variant="components"), WANTED)
+    found = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
+    for coupled, lumped in zip(found["modal"], summary["modal"], strict=True):
+        assert coupled["pose_name"] == lumped["pose_name"]
+        assert np.allclose(coupled["frequencies_hz"], lumped["frequencies_hz"], rtol=1e-9)
+    for pose, points in summary["static_poses"].items():
+        expected = np.array(points["tcp"]["compliance_6x6"])
+        coupled = np.array(found["static_poses"][pose]["tcp"]["compliance_6x6"])
+        assert np.abs(coupled - expected).max() < 1e-9 * np.abs(expected).max()
+        assert np.allclose(found["static_poses"][pose]["tcp"]["displacement"], points["tcp"]["displacement"], rtol=1e-8)
+    assert found["mechanism"] == summary["mechanism"]
+    # the tripod is held twice over-constrained, as its mobility says
+    assert all("2 held motion(s)" in warning for warning in found["warnings"]) and len(found["warnings"]) == 3

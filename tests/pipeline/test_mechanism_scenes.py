@@ -36,6 +36,27 @@ def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: 
     assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
 
 
+@pytest.mark.parametrize(("override", "key", "message"), [
+    ('orientation.at=["1 m", "0 m", "0 m"]', "orientation", "its own `at` and `rotate`"),
+    ('analyses.map={ sweep = "plane" }', "analyses.map", "a map is made of a lumped mechanism"),
+    ('joints.screw_1.screw.reach="sleeve_1.hob"', "joints.screw_1.screw.reach", "did you mean 'hub'?"),
+    ('joints.slide_1.length="2 m"', "joints.slide_1.length", "longer than rail beam_1.side"),
+    ('mechanism.limits.q1=["0.6 m", "0.9 m"]', "poses.config_1", "outside 600 to 900 mm"),
+    ('components.beam_1.at[2]="-1100 mm"', "poses.config_3", "hangs"),
+    ('joints.base_1.normal="x"', "joints.base_1.normal", "parallel"),
+])  # fmt: skip
+def test_wrong_components_on_a_mechanism_are_refused_by_name(override: str, key: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, variant="components", overrides=[override])
+    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
+
+
+def test_components_on_a_mechanism_are_coupled_in_its_poses() -> None:
+    stages = plan_scene(load_scene(SCENE, variant="components")).stages
+    assert [stage.pose for stage in stages if stage.kind == "couple"] == ["config_1", "config_2", "config_3"]
+    assert {"place", "map", "contour"}.isdisjoint(stage.kind for stage in stages)
+
+
 def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:
     kinds = [stage.kind for stage in plan_scene(load_scene(SCENE, variant="lumped")).stages]
     assert set(kinds) == {"rigid", "place", "static", "modal", "map", "contour", "write"}
