@@ -1,4 +1,4 @@
-"""Small sound files of every kind a scene may refer to: a box of 10-node tets, and its superelement."""
+"""Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement, measured forces."""
 
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,12 @@ def bdf_text(mesh: ComponentMesh) -> str:
     return "\n".join([*lines, "ENDDATA", ""])
 
 
+def forces_text() -> str:
+    """Text of a file of measured forces, a hundred samples long."""
+    rows = [f"{1e-3 * i!r},{(17 * i) % 50},{-3.5 * i},1e1" for i in range(100)]
+    return "\n".join(["time [s],fx,fy,fz", *rows, ""])
+
+
 def box_superelement() -> Superelement:
     """A superelement of one interface and two modes whose numbers mean nothing."""
     numbers = np.arange(64.0).reshape(8, 8)
@@ -84,7 +90,7 @@ def box_superelement() -> Superelement:
 def write_samples(folder: Path) -> dict[str, bytes]:
     """Content of a sound file by its suffix; STEP files are not among them."""
     mesh = box_mesh()
-    texts = {".msh": msh_text(mesh), ".inp": inp_text(mesh), ".bdf": bdf_text(mesh)}
+    texts = {".msh": msh_text(mesh), ".inp": inp_text(mesh), ".bdf": bdf_text(mesh), ".csv": forces_text()}
     write_superelement(folder / "sample.h5", box_superelement())
     return {**{suffix: text.encode() for suffix, text in texts.items()}, ".h5": (folder / "sample.h5").read_bytes()}
 
