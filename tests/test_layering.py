@@ -3,7 +3,7 @@
 import ast
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -33,8 +33,7 @@ ADAPTERS = {
 }
 
 MODULES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))
-IDS = [str(path.relative_to(ROOT)) for path in MODULES]
-every_module = pytest.mark.parametrize("path", MODULES, ids=IDS)
+TREES = {path: ast.parse(path.read_text()) for path in MODULES}
 
 
 def layer_of(path: Path) -> str:
@@ -45,58 +44,73 @@ def module_name(path: Path) -> str:
     return ".".join(("headstock", *path.relative_to(ROOT).with_suffix("").parts))
 
 
+KNOWN = {module_name(path) for path in MODULES}
+
+
 def imported_names(node: ast.AST) -> list[str]:
     """Modules an import statement names; ``from headstock.x import y`` counts as ``headstock.x.y`` where that is a module."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom) and node.module is not None:
-        known = {module_name(path) for path in MODULES}
         inner = [f"{node.module}.{alias.name}" for alias in node.names]
-        return [name if name in known else node.module for name in inner]
+        return [name if name in KNOWN else node.module for name in inner]
     return []
 
 
-def imports_of(path: Path) -> set[str]:
-    return {name for node in ast.walk(ast.parse(path.read_text())) for name in imported_names(node)}
+IMPORTS = {path: {name for node in ast.walk(tree) for name in imported_names(node)} for path, tree in TREES.items()}
 
 
-@every_module
-def test_a_module_imports_only_from_its_own_folder_or_folders_to_its_left(path: Path) -> None:
-    allowed = LAYERS[: LAYERS.index(layer_of(path)) + 1]
-    inside = {name for name in imports_of(path) if name == "headstock" or name.startswith("headstock.")}
-    assert {name for name in inside if name.split(".")[1:2] == [] or name.split(".")[1] not in allowed} == set()
+def offenders(wrong: Callable[[Path], object]) -> dict[str, object]:
+    """What is wrong with each module, by its place in the tree; empty when nothing is."""
+    found = {str(path.relative_to(ROOT)): wrong(path) for path in MODULES}
+    return {place: what for place, what in found.items() if what}
+
+
+def test_a_module_imports_only_from_its_own_folder_or_folders_to_its_left() -> None:
+    def wrong(path: Path) -> set[str]:
+        allowed = LAYERS[: LAYERS.index(layer_of(path)) + 1]
+        inside = {name for name in IMPORTS[path] if name == "headstock" or name.startswith("headstock.")}
+        return {name for name in inside if name.split(".")[1:2] == [] or name.split(".")[1] not in allowed}
+
+    assert offenders(wrong) == {}
 
 
 def test_modules_form_a_directed_acyclic_graph() -> None:
-    graph = {module_name(path): {name for name in imports_of(path) if name.startswith("headstock.")} for path in MODULES}
+    graph = {module_name(path): {name for name in IMPORTS[path] if name.startswith("headstock.")} for path in MODULES}
     order = list(TopologicalSorter(graph).static_order())
     assert set(graph) <= set(order)
 
 
-@every_module
-def test_heavy_libraries_are_imported_only_in_their_adapter_folders(path: Path) -> None:
-    libraries = {name.split(".")[0] for name in imports_of(path)}
-    assert {name for name in libraries & set(ADAPTERS) if layer_of(path) not in ADAPTERS[name]} == set()
+def test_heavy_libraries_are_imported_only_in_their_adapter_folders() -> None:
+    def wrong(path: Path) -> set[str]:
+        libraries = {name.split(".")[0] for name in IMPORTS[path]}
+        return {name for name in libraries & set(ADAPTERS) if layer_of(path) not in ADAPTERS[name]}
+
+    assert offenders(wrong) == {}
 
 
-@pytest.mark.parametrize("path", [path for path in MODULES if layer_of(path) == "geometry"], ids=lambda path: path.name)
-def test_geometry_needs_numpy_and_nothing_else(path: Path) -> None:
-    libraries = {name.split(".")[0] for name in imports_of(path)} - {"headstock", "numpy"}
-    assert libraries <= sys.stdlib_module_names
+def test_geometry_needs_numpy_and_nothing_else() -> None:
+    def wrong(path: Path) -> set[str]:
+        libraries = {name.split(".")[0] for name in IMPORTS[path]} - {"headstock", "numpy"}
+        return libraries - sys.stdlib_module_names if layer_of(path) == "geometry" else set()
+
+    assert offenders(wrong) == {}
 
 
-@every_module
-def test_no_import_is_relative(path: Path) -> None:
-    tree = ast.parse(path.read_text())
-    assert [node.lineno for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level > 0] == []
+def test_no_import_is_relative() -> None:
+    def wrong(path: Path) -> list[int]:
+        return [node.lineno for node in ast.walk(TREES[path]) if isinstance(node, ast.ImportFrom) and node.level > 0]
+
+    assert offenders(wrong) == {}
 
 
-@every_module
-def test_only_the_command_line_folder_imports_inside_functions(path: Path) -> None:
-    tree = ast.parse(path.read_text())
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-    late = [node.lineno for body in functions for node in ast.walk(body) if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert late == [] or layer_of(path) == "app"
+def test_only_the_command_line_folder_imports_inside_functions() -> None:
+    def wrong(path: Path) -> list[int]:
+        functions = [node for node in ast.walk(TREES[path]) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+        late = [node.lineno for body in functions for node in ast.walk(body) if isinstance(node, ast.Import | ast.ImportFrom)]
+        return [] if layer_of(path) == "app" else late
+
+    assert offenders(wrong) == {}
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -118,11 +132,9 @@ def test_headstock_is_a_namespace_without_a_file_of_its_own() -> None:
     assert not (ROOT / ".typing" / "headstock" / "__init__.py").exists()
 
 
-@every_module
-def test_no_module_shares_its_name_with_a_function_in_it(path: Path) -> None:
-    tree = ast.parse(path.read_text())
-    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
-    assert path.stem not in defined
+def test_no_module_shares_its_name_with_a_function_in_it() -> None:
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+    assert offenders(lambda path: path.stem in {node.name for node in TREES[path].body if isinstance(node, kinds)}) == {}
 
 
 def text_files() -> Iterator[Path]:
