@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from headstock.app.error_texts import print_error_shares, show_error, show_frequency
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, StageRecord
@@ -81,6 +82,7 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_table(console, f"Under the static loads in pose {pose}", _probe_table(probes))
     for modes in summary["modal"]:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
+        print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
         print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
     _print_warnings(console, summary["warnings"])
@@ -158,13 +160,18 @@ def _describe_pose(modes: Json) -> str:
 
 def _mode_table(modes: Json) -> Table:
     damped = any(ratio is not None for ratio in modes["damping_ratio"])
-    table = make_table(">no.", ">Hz", *([">damping %"] if damped else []), "mode", "strain energy in")
-    table.columns[1].no_wrap = True
+    known = any(error is not None for error in modes["error_hz"][modes["rigid_count"] :])
+    table = make_table(">no.", ">Hz", *(["± Hz"] if known else []), *([">damping %"] if damped else []), "mode", "strain energy in")
+    for column in table.columns[1 : 3 if known else 2]:
+        column.no_wrap = True
     rows = zip(modes["frequencies_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True)
     for index, (frequency, ratio, name, shares) in enumerate(rows):
-        shown = "0" if index < modes["rigid_count"] else f"{frequency:.3f}"
+        rigid, error = index < modes["rigid_count"], modes["error_hz"][index]
+        shown = ["0" if rigid else show_frequency(frequency, error)]
+        if known:
+            shown.append("" if rigid else show_error(error))
         percent = [] if not damped else ["-" if ratio is None else f"{100.0 * ratio:.3f}"]
-        add_row(table, str(index + 1), shown, *percent, name, _top_shares(shares))
+        add_row(table, str(index + 1), *shown, *percent, name, _top_shares(shares))
     return table
 
 

@@ -11,6 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from headstock.app.console import sort_shares
+from headstock.app.error_texts import error_words, largest_shares
 from headstock.app.frf_tables import tabulate_response
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_contour import draw_contour
@@ -183,6 +184,8 @@ def report_environment() -> jinja2.Environment:
     )
     filters: dict[str, Any] = {
         "number": show_number,
+        "error_words": error_words,
+        "largest_shares": largest_shares,
         "entry": show_matrix_entry,
         "share": lambda share: _data(share, percent(share)),
         "top": _top_shares,

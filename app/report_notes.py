@@ -59,7 +59,11 @@ def _judge_compliance(*, elastic: bool) -> Note:
 
 def _judge_frequencies(summary: Json) -> Note:
     if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
-        return Note("Natural frequencies", "The column “± Hz” holds the estimated error of each frequency.")
+        return Note(
+            "Natural frequencies",
+            "The column “± Hz” holds the estimated error of each frequency, all sources together that are named below its table."
+            " The modes that a reduction leaves out make frequencies too high, never too low. Damping is not part of these modes.",
+        )
     return Note(
         "Natural frequencies",
         "Their error was not estimated in this run. Mesh and reduction as a rule make them come out too high: run again"

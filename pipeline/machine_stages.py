@@ -10,6 +10,7 @@ from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system
 from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
 from headstock.pipeline.mechanism_poses import describe_state
+from headstock.pipeline.mode_errors import estimate_mode_errors
 from headstock.pipeline.results import PointCompliance, PoseModes
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
@@ -83,7 +84,7 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
             pose=state.plan.poses[_pose_name(stage)],
             frequencies_hz=result.frequencies_hz,
             rigid_count=min(result.rigid_count, count),
-            error_hz=(None,) * count,
+            errors=estimate_mode_errors(state, coupled, result),
             damping_ratio=ratios,
             damped_hz=damped_hz,
             mode_names=named.names,

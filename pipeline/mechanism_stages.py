@@ -7,6 +7,7 @@ import numpy as np
 from headstock.geometry.exechon import LEGS, LENGTHS
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
 from headstock.geometry.tool_mechanisms import solve_pose
+from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import (
     PlacedMechanism,
@@ -28,6 +29,7 @@ from headstock.solvers.static_response import solve_static
 
 SWING_SHARE = 0.5  # kinetic energy of the legs from which a mode is called theirs
 NAMED_SHARE = 0.2
+LUMPED = Estimate(left_out=("the lumped model itself: rigid bodies on the springs of the scene",))
 PLATFORM_MOTIONS = ("swings about the common axis", "tilts between legs 1 and 2", "plunges")
 
 
@@ -91,7 +93,7 @@ def run_lumped_modal_stage(state: RunState, stage: Stage) -> Outcome:
             pose=state.plan.poses[_pose_name(stage)],
             frequencies_hz=result.frequencies_hz,
             rigid_count=result.rigid_count,
-            error_hz=(None,) * count,
+            errors=(LUMPED,) * count,
             damping_ratio=(None,) * count,
             damped_hz=(None,) * count,
             mode_names=names,

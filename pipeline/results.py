@@ -11,6 +11,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machines import Pose
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.frf_results import PoseResponse, summarise_response
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.stages import StageRecord
@@ -86,7 +87,7 @@ class PoseModes:
         pose: Axis positions.
         frequencies_hz: ``(m,)``, rigid-body modes first.
         rigid_count: How many of them are rigid-body modes.
-        error_hz: Estimated error of each; None where no estimate was made.
+        errors: How far each may be off [Hz].
         damping_ratio: Of each; None without damping.
         damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None without damping.
         mode_names: In plain words.
@@ -99,7 +100,7 @@ class PoseModes:
     pose: Pose
     frequencies_hz: FloatArray
     rigid_count: int
-    error_hz: tuple[float | None, ...]
+    errors: tuple[Estimate, ...]
     damping_ratio: tuple[float | None, ...]
     mode_names: tuple[str, ...]
     energy_share: tuple[dict[str, float], ...]
@@ -107,6 +108,11 @@ class PoseModes:
     shapes: FloatArray
     damped_hz: tuple[float | None, ...] = ()
     placements: dict[str, Frame] = field(default_factory=dict)
+
+    @property
+    def error_hz(self) -> tuple[float | None, ...]:
+        """Estimated error of each frequency, all sources together; None where there is no estimate."""
+        return tuple(error.total for error in self.errors)
 
 
 @dataclass(frozen=True)
@@ -295,6 +301,8 @@ def _summarise_modes(modes: PoseModes) -> Json:
         "frequencies_hz": check_finite(what, modes.frequencies_hz),
         "rigid_count": modes.rigid_count,
         "error_hz": list(modes.error_hz),
+        "error_share": [dict(error.shares) for error in modes.errors],
+        "error_left_out": sorted({words for error in modes.errors for words in error.left_out}),
         "damping_ratio": list(modes.damping_ratio),
         "damped_hz": list(modes.damped_hz),
         "mode_names": list(modes.mode_names),

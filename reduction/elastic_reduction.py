@@ -19,6 +19,7 @@ from headstock.reduction.mean_constraints import DEPENDENCE_TOLERANCE, MeanConst
 from headstock.reduction.rails import STATION_DOFS, Rail
 from headstock.reduction.rigid_stiffness import without_rigid_stiffness
 from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
+from headstock.reduction.truncation_moments import measure_truncation
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.constrained_solver import ConstrainedSolver
 from headstock.solvers.elasticity import ElasticOperators, assemble_elasticity
@@ -103,6 +104,7 @@ def reduce_operators(
         result = _project(component, basis, operators, solver, psi, modes, means)
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
         reduced = {name: _reduce_load(vector, solver, psi, modes, result) for name, vector in vectors.items()}
+        truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
     gathered = _gather_recovery(operators, mesh, np.hstack([psi, modes.shapes])) if request.recovery else None
     return dataclasses.replace(
@@ -111,6 +113,7 @@ def reduce_operators(
         recovery=gathered,
         recovery_points=mesh.points,
         residual=residual,
+        truncation=truncation,
         warnings=remarks + result.warnings,
         loads={name: StaticLoad(vector, _gather_recovery(operators, mesh, u[:, None])) for name, (vector, u) in reduced.items()},
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.reduction.rails import STATION_DOFS, Rail, RailStation
+from headstock.reduction.truncation import Truncation
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,8 @@ class Superelement:
         supported: Some of its points are fixed to the machine frame, so it has no rigid-body motions.
         stations: Control points of elastic rails, which have dofs of their own.
         rails: Interfaces that carriages slide along, by name.
+        truncation: What the fixed-interface modes left out would add; None without mass, for components that are no reduced finite
+            element model, and for imported ones that do not say.
     """
 
     name: str
@@ -91,6 +94,7 @@ class Superelement:
     warnings: tuple[str, ...] = ()
     stations: tuple[RailStation, ...] = ()
     rails: dict[str, Rail] = field(default_factory=dict)
+    truncation: Truncation | None = None
 
     @property
     def node_size(self) -> int:

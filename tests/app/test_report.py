@@ -143,8 +143,12 @@ def test_the_same_report_is_written_again_from_the_files_alone(run_folder: Path,
 
 def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> None:
     summary = read_summary(run_folder)
-    assert "not estimated" in render_report(summary)
-    summary["modal"][0]["error_hz"] = [0.25] * len(summary["modal"][0]["error_hz"])
+    assert "The column “± Hz”" in render_report(summary)
+    count = len(summary["modal"][0]["error_hz"])
+    for modes in summary["modal"]:
+        modes["error_hz"] = [None] * len(modes["error_hz"])
+    assert "was not estimated" in render_report(summary)
+    summary["modal"][0]["error_hz"] = [0.25] * count
     changed = render_report(summary)
     assert '<data value="0.25">0.25</data>' in changed
 

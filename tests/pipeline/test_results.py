@@ -13,6 +13,7 @@ from headstock.geometry.frames import Frame
 from headstock.geometry.machines import Pose
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.atomic_files import PendingFiles
+from headstock.pipeline.error_estimates import REDUCTION, Estimate
 from headstock.pipeline.result_files import OutputError, add_results, claim_output, prepare_output, publish_summary, read_summary
 from headstock.pipeline.results import ComponentFacts, PointCompliance, PoseModes, Results, summarise
 from headstock.pipeline.stages import Stage, StageRecord
@@ -24,7 +25,7 @@ MODES = PoseModes(
     pose=Pose("config_1", {"X": 0.01}),
     frequencies_hz=np.array([1e-6, 100.0]),
     rigid_count=1,
-    error_hz=(None, None),
+    errors=(Estimate({REDUCTION: None}), Estimate({REDUCTION: 0.5, "discretisation": 0.25}, ("the model of bed (rigid)",))),
     damping_ratio=(None, None),
     mode_names=("rigid body X", "column bends x"),
     energy_share=({"column": 1.0}, {"column": 0.9, "guide": 0.1}),
@@ -90,7 +91,9 @@ def test_missing_values_are_null_and_the_file_is_strict_json(tmp_path: Path) -> 
         raise AssertionError(f"{token} in the summary")
 
     summary = json.loads((tmp_path / "summary.json").read_text(), parse_constant=refuse)
-    assert summary["modal"][0]["error_hz"] == [None, None]
+    assert summary["modal"][0]["error_hz"] == [None, 0.75]
+    assert summary["modal"][0]["error_share"][0] == {"reduction": None}
+    assert summary["modal"][0]["error_left_out"] == ["the model of bed (rigid)"]
     assert summary["components"]["column"]["cutoff_hz"] is None
     assert summary["components"]["column"]["mesh_quality"]["cad_volume"] is None
     assert read_summary(tmp_path) == summary

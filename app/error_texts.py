@@ -1,0 +1,54 @@
+"""How error estimates read: ``77.4 ± 0.6``, the share of each source, and what is not in them."""
+
+import math
+
+from rich.console import Console
+
+from headstock.pipeline.results import Json
+
+MOST_DECIMALS = 3
+NO_BOUND = "± ?"
+
+
+def error_decimals(error: float) -> int:
+    """Decimals that an error leaves worth printing: to its first digit, at most three."""
+    return min(MOST_DECIMALS, max(0, -math.floor(math.log10(error)))) if error > 0.0 else MOST_DECIMALS
+
+
+def show_frequency(hz: float, error: float | None) -> str:
+    """A frequency with the decimals that its error leaves; three where it is not known."""
+    return f"{hz:.{MOST_DECIMALS if error is None else error_decimals(error)}f}"
+
+
+def show_error(error: float | None) -> str:
+    """An error to its first digit, never rounded down."""
+    if error is None:
+        return NO_BOUND
+    if error < 10.0**-MOST_DECIMALS:
+        return f"± <{10.0**-MOST_DECIMALS:g}"
+    scale = 10.0 ** math.floor(math.log10(error))
+    return f"± {math.ceil(error / scale - 1e-9) * scale:.{error_decimals(error)}f}"
+
+
+def largest_shares(modes: Json) -> dict[str, float]:
+    """Largest part [Hz] of each source over the elastic modes of a pose."""
+    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    sources = dict.fromkeys(source for share in shares for source in share)
+    return {source: max((share[source] or 0.0 for share in shares if source in share), default=0.0) for source in sources}
+
+
+def error_words(modes: Json) -> list[str]:
+    """What is not in the errors of a pose's frequencies, and where there are none."""
+    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    words = [f"not in ±: {'; '.join(modes['error_left_out'])}"] if modes.get("error_left_out") else []
+    if any(size is None for share in shares for size in share.values()):
+        words.append(f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings")
+    return words
+
+
+def print_error_shares(console: Console, modes: Json) -> None:
+    """Print where the errors of a pose's frequencies come from."""
+    found = ", ".join(f"{source} up to {size:.2g} Hz" for source, size in largest_shares(modes).items())
+    for words in [f"± from {found}"] * bool(found) + error_words(modes):
+        console.print(f"  {words}", markup=False)
+    console.print()

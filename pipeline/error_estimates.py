@@ -1,0 +1,36 @@
+"""How far a number may be off: an estimate in shares, one per source of error."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+REDUCTION = "reduction"
+DISCRETISATION = "discretisation"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How far a number may be off, in the unit of the number.
+
+    Attributes:
+        shares: Source of error to its size; None where a source was looked at and no bound can be given.
+        left_out: What is not in it, in plain words, such as ``the mesh of column``.
+    """
+
+    shares: Mapping[str, float | None] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> float | None:
+        """Sum of the shares: errors of one sign may add up. None where one of them has no bound, or nothing was estimated."""
+        sizes = [size for size in self.shares.values() if size is not None]
+        return sum(sizes) if sizes and len(sizes) == len(self.shares) else None
+
+
+def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
+    """One estimate of all that several say of the same number; a source that two of them name is their sum."""
+    shares: dict[str, float | None] = {}
+    for part in parts:
+        for source, size in part.shares.items():
+            known = shares.get(source, 0.0)
+            shares[source] = None if known is None or size is None else known + size
+    return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)))
