@@ -32,7 +32,9 @@ NOTES = {
     "Scene.poses": 'axis positions: `X = "10 mm"`; axes left out are at zero; without any pose there is one, `reference`, at zero',
     "Scene.drives": "accepted and not used in this version",
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
-    "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); all off unless named",
+    "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); for `[analyses.contouring]` "
+    "`cutting_force = true`, "
+    "`regeneration = true` (each tooth meets the wave the last ones left), `coriolis = true`; all off unless named",
     "Scene.free": "the whole machine floats on purpose: no error for missing connections to ground",
     "Material.E": "Young's modulus",
     "Material.nu": "Poisson's ratio, above -1 and below 0.495",
@@ -128,7 +130,8 @@ NOTES = {
     "Contouring.feed": "feed rate",
     "Contouring.spindle": "speed of the spindle",
     "Contouring.material": "what is cut; coefficients and their source stand in `solvers/cutting_materials.py`",
-    "Contouring.forces": "measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool",
+    "Contouring.forces": "measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool, machine frame;"
+    " each time step takes their mean over it",
     "Contouring.lead": "straight way before and after the block",
     "Contouring.averaging": "length of each of three moving averages that limit the jerk",
     "Contouring.model": "`linear`: matrices along the path; `nonlinear`: the full equations",
@@ -147,6 +150,7 @@ NOTES = {
     "Mechanism.limits": "lowest and highest value of coordinates: lengths `q1 q2 q3`, wrist angles `g4 g5`, passive angles `phi th1 ps1 th2"
     " ps2 a1 a2 a3 ps3`",
     "Mechanism.springs": "for the lumped model",
+    "Mechanism.screw_lead": "travel of a leg per turn of its motor; contours then tell motor torques",
     "Exechon.base": "places of the base joints: y of legs 1 and 2, x of leg 3",
     "Exechon.platform": "places of the platform joints: y of legs 1 and 2, x of leg 3",
     "Exechon.universal_offsets": "distance between the two axes of the universal joints of legs 1 and 2",

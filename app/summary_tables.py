@@ -48,9 +48,12 @@ def list_tables(summary: Json) -> list[PlainTable]:
 
 
 def _contour_table(series: Json) -> PlainTable:
-    headings = ("time [s]", *(f"gap {d} [um]" for d in DIRECTIONS), *(f"force of leg {number} [N]" for number in (1, 2, 3)))
-    rows = zip(series["time_s"], series["gap_um"], series["leg_force_n"], strict=True)
-    return PlainTable("contour", headings, tuple((time, *gap, *legs) for time, gap, legs in rows))
+    columns = [("gap_um", [f"gap {d} [um]" for d in DIRECTIONS]), ("leg_force_n", [f"force of leg {n} [N]" for n in (1, 2, 3)])]
+    if "motor_torque_nm" in series:
+        columns.append(("motor_torque_nm", [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]))
+    headings = ("time [s]", *(heading for _, names in columns for heading in names))
+    rows = zip(series["time_s"], *(series[key] for key, _ in columns), strict=True)
+    return PlainTable("contour", headings, tuple((time, *(value for part in parts for value in part)) for time, *parts in rows))
 
 
 def _map_table(found: Json) -> PlainTable:

@@ -1,8 +1,7 @@
-"""A contour on a lumped mechanism from its request: path, drives, forces, motion, and what is told of each face."""
+"""A contour on a lumped mechanism from its request: path, drives, forces and motion."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.contouring import (
     GiveHistory,
     LinearMotion,
-    drive_forces,
     interpolate_nodes,
     linear_motion,
     march_linear,
@@ -23,17 +21,11 @@ from headstock.solvers.contouring import (
 from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
 from headstock.solvers.milling_forces import cutting_forces
 from headstock.solvers.path_drives import PathDrive, follow_path
+from headstock.solvers.regenerative_motion import RegenerativeCut, cutting_phases, march_regenerative
 from headstock.solvers.tool_paths import square_path
 
 NODE_SPACING = 4e-3
 SETTLING = 0.3  # left out at both ends of each face [s]
-SERIES_POINTS = 2000
-FACES = ("lowest x", "highest y", "highest x", "lowest y")
-ASSUMED = (
-    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is told for both",
-    "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
-    "the static sag under gravity is subtracted from the gap",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +83,15 @@ def run_contour(
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float)
     drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
-    on_tool = tool_force(request, path.at(times).velocity, times, marks) if record is None else resample_forces(record, times)
-    force = on_tool @ turn
     ratios = np.array(request.damping_ratios or (0.0,))
     motion = linear_motion(model, drive, times, ratios)
-    history = march_linear(motion, motion.load + motion.tool_load(force))
+    if request.cutting and request.regeneration and record is None:
+        history, force = march_regenerative(
+            motion, motion.load, regenerative_cut(request, path.at(times).velocity, times, marks, turn)
+        )
+    else:
+        force = _given_force(request, path.at(times).velocity, times, marks, record) @ turn
+        history = march_linear(motion, motion.load + motion.tool_load(force))
     moved = motion.tool_motion(history.give)
     if request.model == "nonlinear":
         history = refine_motion(model, drive, motion, force, history)
@@ -109,12 +105,44 @@ def run_contour(
 def tool_force(request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray) -> FloatArray:
     """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over its radius."""
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
+    own = cutting_forces(request.cut, times, feed) * _engagement(request, times, marks)[:, None]
+    return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
+
+
+def travel_frames(velocity: FloatArray) -> FloatArray:
+    """``(n, 3, 3)`` with rows along the travel, away from the part on its right, and up, from velocities ``(n, 3)``."""
+    along = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)[:, None]
+    zero = np.zeros(len(velocity))
+    away = np.stack([-along[:, 1], along[:, 0], zero], axis=-1)
+    return np.stack([along, away, np.broadcast_to([0.0, 0.0, 1.0], velocity.shape)], axis=1)
+
+
+def regenerative_cut(
+    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray, mounting: FloatArray
+) -> RegenerativeCut:
+    """What the teeth cut along the path, for a mechanism mounted with a rotation ``(3, 3)``."""
+    feed = np.hypot(velocity[:, 0], velocity[:, 1]) * request.cut.tooth_period
+    return RegenerativeCut(
+        phases=cutting_phases(request.cut, request.steps_per_turn),
+        delay=request.steps_per_turn // request.cut.mill.teeth,
+        feed=feed,
+        share=_engagement(request, times, marks) * (feed > 0.0),
+        frame=travel_frames(velocity) @ mounting,
+    )
+
+
+def _given_force(
+    request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray, record: ForceRecord | None
+) -> FloatArray:
+    """``(n, 3)`` force that does not depend on the motion, machine frame."""
+    if not request.cutting:
+        return np.zeros((len(times), 3))
+    return tool_force(request, velocity, times, marks) if record is None else resample_forces(record, times)
+
+
+def _engagement(request: ContouringRequest, times: FloatArray, marks: FloatArray) -> FloatArray:
     rate = request.contour.feed / request.contour.offset
-    engaged = np.clip((times - marks[0]) * rate, 0.0, 1.0) * np.clip((marks[4] - times) * rate, 0.0, 1.0)
-    own = cutting_forces(request.cut, times, feed) * engaged[:, None]
-    along = velocity / np.maximum(feed, 1e-9)[:, None]
-    away = np.stack([-along[:, 1], along[:, 0], np.zeros_like(feed)], axis=-1)
-    return np.asarray(own[:, :1] * along + own[:, 1:2] * away + own[:, 2:] * np.array([0.0, 0.0, 1.0]))
+    return np.asarray(np.clip((times - marks[0]) * rate, 0.0, 1.0) * np.clip((marks[4] - times) * rate, 0.0, 1.0))
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
@@ -128,45 +156,3 @@ def high_share(run: ContourRun) -> float:
     power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
     high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
     return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())
-
-
-def summarise_contour(
-    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, run: ContourRun
-) -> dict[str, Any]:
-    """As it stands in ``summary.json``: faces, ratio for both orientations, sag, leg forces, and a thinned series."""
-    faces = []
-    for number, name in enumerate(FACES):
-        on = face_instants(run, number)
-        if on.any():
-            gap = 1e6 * run.gap[on]
-            faces.append(
-                {
-                    "face": number + 1,
-                    "at": name,
-                    "mean_um": gap.mean(axis=0).tolist(),
-                    "peak_to_peak_um": np.ptp(gap, axis=0).tolist(),
-                }
-            )
-    near, far = (next((item["mean_um"][0] for item in faces if item["face"] == number), None) for number in (1, 3))
-    ratio = abs(far / near) if near and far else None
-    some = np.unique(np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(int))
-    thin = GiveHistory(run.history.give[some], run.history.rate[some], run.history.acceleration[some])
-    legs = drive_forces(model, run.drive, run.times[some], thin, run.force[some])[:, :3]
-    on_tool = run.force @ mechanism.mounted.mounting.rotation.T
-    return {
-        "model": request.model,
-        "material": request.material,
-        "faces": faces,
-        "face_3_over_face_1": {"x as assumed": ratio, "x reversed": None if not ratio else 1.0 / ratio},
-        "sag_um": {"least": (1e6 * np.abs(run.sag).min(axis=0)).tolist(), "most": (1e6 * np.abs(run.sag).max(axis=0)).tolist()},
-        "force_mean_n": on_tool.mean(axis=0).tolist(),
-        "force_peak_n": np.abs(on_tool).max(axis=0).tolist(),
-        "share_above_twice_the_highest_mode": high_share(run),
-        "marks_s": run.marks.tolist(),
-        "assumed": list(ASSUMED),
-        "series": {
-            "time_s": run.times[some].tolist(),
-            "gap_um": (1e6 * run.gap[some]).tolist(),
-            "leg_force_n": legs.tolist(),
-        },
-    }

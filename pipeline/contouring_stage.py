@@ -1,9 +1,14 @@
 """The stage that contours a block with a lumped mechanism."""
 
-from headstock.pipeline.contouring_runs import run_contour, summarise_contour
+import dataclasses
+
+from headstock.pipeline.contouring_runs import run_contour
+from headstock.pipeline.contouring_summary import summarise_contour
 from headstock.pipeline.force_files import read_forces
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
+
+CORIOLIS = "coriolis"
 
 
 def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
@@ -15,9 +20,12 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         raise ValueError("a contour stage needs a placed mechanism and a contour in the scene")
     if not request.damping_ratios:
         state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
-    record = None if request.forces is None else read_forces(request.forces)
-    run = run_contour(mechanism, state.placed.model, request, record=record)
-    found = summarise_contour(mechanism, state.placed.model, request, run)
+    if not request.cutting:
+        state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
+    record = None if request.forces is None or not request.cutting else read_forces(request.forces)
+    model = dataclasses.replace(state.placed.model, velocity_terms=CORIOLIS in state.scene.effects)
+    run = run_contour(mechanism, model, request, record=record)
+    found = summarise_contour(mechanism, model, request, run)
     state.contouring = found
     told = ", ".join(f"face {item['face']} {item['mean_um'][0]:+.1f} µm" for item in found["faces"] if item["face"] in (1, 3))
     return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}")

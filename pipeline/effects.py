@@ -3,7 +3,9 @@
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.units import ACCELERATION, RATIO, UnitError, parse_quantity, show_value
 
-EFFECT_NAMES = ("gravity", "damping")
+# on or off, without a value
+PLAIN_EFFECTS = ("coriolis", "cutting_force", "regeneration")
+EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
 
 
@@ -12,6 +14,8 @@ def find_effect_fault(name: str, value: object) -> str:
     if name not in EFFECT_NAMES:
         hint = suggest_names(name, EFFECT_NAMES, what="effects of this version")
         return f"effect {name[:80]!r} is not available; {hint}"
+    if name in PLAIN_EFFECTS:
+        return "" if isinstance(value, bool) else f"{show_value(value)} is neither true nor false; write {name} = true"
     if name == "gravity":
         try:
             read_gravity(value)

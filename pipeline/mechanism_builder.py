@@ -31,6 +31,7 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
         tool=np.array(table.tool),
         carries={component: mark for mark, names in table.carries.items() for component in names},
         springs=springs,
+        screw_lead=table.screw_lead,
     )
 
 
@@ -70,7 +71,7 @@ def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[floa
     if table is None:
         return None
     mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
-    # with measured forces the coefficients play no part
+    # with measured forces, or none, the coefficients play no part
     name: str = table.material or "al7075-t6"
     coefficients = CUTTING_MATERIALS[name]
     return ContouringRequest(
@@ -89,4 +90,6 @@ def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[floa
         damping_ratios=damping_ratios,
         material=table.material,
         forces=None if table.forces is None else resolve_file(folder, table.forces, FORCE_SUFFIXES),
+        cutting=bool(scene.effects.get("cutting_force", False)),
+        regeneration=bool(scene.effects.get("regeneration", False)),
     )

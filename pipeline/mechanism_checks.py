@@ -7,10 +7,12 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
 from headstock.geometry.mechanisms import Mechanism
 from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT, solve_pose
+from headstock.pipeline.effects import PLAIN_EFFECTS
 from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_contouring import ContouringTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 
@@ -115,12 +117,17 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
 
 def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
     table = scene.analyses.contouring
+    if scene.mechanism is None:
+        for name in set(PLAIN_EFFECTS) & {name for name, value in scene.effects.items() if value}:
+            findings.add(("effects", name), "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it")
     if table is None:
         return
+    _check_regeneration(scene, table, findings)
     key = ("analyses", "contouring")
     if not is_lumped(scene):
         findings.add(key, "contours are run on a lumped mechanism; this scene has none")
-    if (table.material is None) == (table.forces is None):
+    cutting = bool(scene.effects.get("cutting_force"))
+    if (table.material is not None and table.forces is not None) or (cutting and table.material is None and table.forces is None):
         findings.add(key, 'needs either the material that is cut, or forces = "measured.csv"')
     if table.radial_depth > 0.5 * table.mill.diameter:
         findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
@@ -129,6 +136,25 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
             resolve_file(folder, table.forces, FORCE_SUFFIXES)
         except ValueError as error:
             findings.add((*key, "forces"), str(error))
+
+
+def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
+    key = ("effects", "regeneration")
+    if not scene.effects.get("regeneration"):
+        return
+    if not scene.effects.get("cutting_force"):
+        findings.add(key, "acts through cutting forces; write [effects] cutting_force = true as well")
+    elif table.material is None:
+        findings.add(
+            key, "needs computed forces: measured ones hold it already; remove this, or write the material instead of forces"
+        )
+    elif table.model != "linear":
+        findings.add(key, 'is solved on the linear model; write model = "linear" in [analyses.contouring]')
+    elif table.steps_per_turn % table.mill.teeth:
+        findings.add(
+            ("analyses", "contouring", "steps_per_turn"),
+            f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
+        )
 
 
 def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:

@@ -177,6 +177,10 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
 
 def _describe_contour(request: ContouringRequest) -> str:
     source = f"forces of {request.forces.name}" if request.forces is not None else f"cutting forces in {request.material}"
+    if not request.cutting:
+        source = "no cutting force: not named in [effects]"
+    elif request.regeneration:
+        source += ", chips as thick as the last teeth left them"
     return f"tool gap around a block of {1e3 * request.contour.side:g} mm, {request.model}, {source}"
 
 

@@ -87,6 +87,8 @@ class ContouringRequest:
         damping_ratios: Of the first, second, ... mode, the last for all others; empty for none.
         material: Name of the work material; None with measured forces.
         forces: File of measured forces; None for computed ones.
+        cutting: Whether the tool cuts; otherwise it goes its way in air.
+        regeneration: Whether a tooth meets the wave the one before it left.
     """
 
     contour: SquareContour
@@ -96,6 +98,8 @@ class ContouringRequest:
     damping_ratios: tuple[float, ...] = ()
     material: str | None = None
     forces: Path | None = None
+    cutting: bool = True
+    regeneration: bool = False
 
 
 @dataclass(frozen=True)
@@ -160,11 +164,13 @@ class SceneMechanism(ToolMechanism):
         kind: Which mechanism.
         model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the components it carries.
         springs: For the lumped model.
+        screw_lead: Travel of a leg per turn of its motor [m]; None where it is not known.
     """
 
     kind: str
     model: Literal["lumped", "components"]
     springs: LegSprings | None = None
+    screw_lead: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

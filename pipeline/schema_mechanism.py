@@ -14,6 +14,7 @@ from headstock.pipeline.schema_types import (
     NotNegativeLength,
     Position,
     PositiveForce,
+    PositiveLength,
     PositiveStiffness,
     StrictTable,
     problem,
@@ -54,6 +55,7 @@ class MechanismTable(StrictTable):
     carries: dict[Name, Names]
     limits: dict[Name, Annotated[list[AxisPosition], Field(min_length=2, max_length=2)]] = {}
     springs: SpringsTable | None = None
+    screw_lead: PositiveLength | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

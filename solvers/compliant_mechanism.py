@@ -64,6 +64,8 @@ class CompliantMechanism:
         tool: Mark of the tool point.
         gravity: ``(3,)`` acceleration in the ground frame of the chains [m/s^2].
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
+        velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and closures answer to
+            accelerations alone.
     """
 
     mechanism: Mechanism
@@ -72,3 +74,4 @@ class CompliantMechanism:
     tool: str = "tcp"
     gravity: FloatArray = field(default_factory=lambda: np.zeros(3))
     damping: FloatArray | None = None
+    velocity_terms: bool = True

@@ -15,7 +15,7 @@ from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.coordinate_partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.generalized_alpha import AlphaScheme
-from headstock.solvers.mechanism_modes import linearise_poses, mark_motion, solve_pose_modes
+from headstock.solvers.mechanism_modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
 from headstock.solvers.path_drives import PathDrive
 
 NODE_SPACING = 0.02  # matrices change over decimetres, the tool moves millimetres in this time
@@ -55,12 +55,12 @@ class LinearMotion:
 
     def tool_motion(self, give: FloatArray) -> FloatArray:
         """``(n, 3)`` motion of the tool at compliant coordinates ``(n, c)``."""
-        parts = [(self.between(self.tool, part) @ give[part][..., None])[..., 0] for part in _chunks(len(give))]
+        parts = [(self.between(self.tool, part) @ give[part][..., None])[..., 0] for part in chunk_slices(len(give))]
         return np.concatenate(parts)
 
     def tool_load(self, force: FloatArray) -> FloatArray:
         """``(n, c)`` load of forces ``(n, 3)`` on the tool."""
-        parts = [(force[part][:, None, :] @ self.between(self.tool, part))[:, 0] for part in _chunks(len(force))]
+        parts = [(force[part][:, None, :] @ self.between(self.tool, part))[:, 0] for part in chunk_slices(len(force))]
         return np.concatenate(parts)
 
 
@@ -98,10 +98,7 @@ def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray
     nodes = _nodes(times, NODE_SPACING)
     states = drive.rigid_states(nodes)
     motions = linearise_poses(model, states)
-    modes = solve_pose_modes(motions)
-    spread = motions.mass @ modes.shapes
-    zeta = np.concatenate([ratios, np.full(len(model.mechanism.compliant), ratios[-1])])[: spread.shape[-1]]
-    damping = (spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[:, None, :]) @ np.swapaxes(spread, -1, -2)
+    damping = modal_damping(motions, solve_pose_modes(motions), ratios)
     load_nodes = _nodes(times, LOAD_SPACING)
     none = np.zeros((len(load_nodes), len(model.mechanism.compliant)))
     guess = drive.rigid_states(load_nodes)
@@ -128,20 +125,21 @@ def march_linear(
     """
     chosen, times = scheme or AlphaScheme(), motion.times
     h = float(times[1] - times[0])
-    ahead, reach = _scheme_matrices(chosen, h)
+    ahead, reach = scheme_matrices(chosen, h)
     state: FloatArray = np.zeros((4, load.shape[1]))
     state[0] = load[0] / motion.stiffness[0]
     history = np.empty((len(times), *state.shape))
     delay = 0 if regeneration is None else regeneration.delay
-    for part in _chunks(len(times)):
-        own, past, wave = _step_matrices(motion, load, part, reach, regeneration)
+    for part in chunk_slices(len(times)):
+        wave = None if regeneration is None else _wave_stiffness(motion, part, regeneration)
+        own, past, inverse = step_matrices(motion, load, part, reach, softer=wave)
         for row in range(len(own)):
             n = part.start + row
             if n > 0:
                 state = ahead @ state
                 acceleration = own[row] - past[row] @ state[:2].reshape(-1)
                 if wave is not None:
-                    acceleration += wave[row] @ history[max(0, n - delay), 0]
+                    acceleration -= inverse[row] @ (wave[row] @ history[max(0, n - delay), 0])
                 state += reach[:, None] * acceleration
             history[n] = state
         if not np.isfinite(state).all():
@@ -181,7 +179,7 @@ def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, gi
     """``(n, 3)`` tool point of the mechanism that gives less that of the rigid one [m], ground frame of the chains."""
     tool = model.mechanism.marks.index(model.tool)
     gaps = []
-    for part in _chunks(len(times)):
+    for part in chunk_slices(len(times)):
         driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])
         bent, rigid = (
             compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[:, tool]
@@ -196,7 +194,7 @@ def drive_forces(
 ) -> FloatArray:
     """``(n, u)`` forces of the drives [N, N m] in a motion that has been solved (eq. 14)."""
     found = []
-    for part in _chunks(len(times)):
+    for part in chunk_slices(len(times)):
         moving, guess = (history.give[part], history.rate[part]), drive.rigid_states(times[part])
         dynamics = _evaluate(model, drive.at(times[part]), guess, moving, force[part])
         found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
@@ -213,7 +211,7 @@ def _unbalanced(
     """``(n, c)`` what the nonlinear equations are off by [N]; the states that come with the trial are brought up to date."""
     history, states = trial
     found = np.empty_like(history.give)
-    for part in _chunks(len(motion.times)):
+    for part in chunk_slices(len(motion.times)):
         give, rate = history.give[part], history.rate[part]
         dynamics = _evaluate(model, drive.at(motion.times[part]), states[part], (give, rate), force[part])
         states[part] = dynamics.state
@@ -232,7 +230,7 @@ def _evaluate(
     return partition_dynamics(model, compose_state(model.mechanism, drives.position, give, guess), drives, rate, force)
 
 
-def _scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatArray]:
+def scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatArray]:
     """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new acceleration``."""
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     share = (1.0 - af) / (1.0 - am)
@@ -243,21 +241,30 @@ def _scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatAr
     return np.array([position, velocity, np.zeros(4), rest]), np.array([h * h * beta * share, h * gamma * share, 1.0, share])
 
 
-def _step_matrices(
-    motion: LinearMotion, load: FloatArray, part: slice, reach: FloatArray, regeneration: Regeneration | None
-) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """New acceleration of some steps: ``own - past @ (position, velocity) + wave @ position one tooth earlier``."""
+def step_matrices(
+    motion: LinearMotion, load: FloatArray, part: slice, reach: FloatArray, *, softer: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """New acceleration of some steps: ``own - past @ (position, velocity)``, and ``(., c, c)`` what one more load adds to it.
+
+    Args:
+        motion: The linear model.
+        load: ``(n, c)``.
+        part: Which steps.
+        reach: From :func:`scheme_matrices`.
+        softer: ``(., c, c)`` stiffness to be taken off [N/m].
+    """
     mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
     stiffness = motion.between(motion.stiffness, part)[:, :, None] * np.eye(load.shape[1])
-    grown = None
-    if regeneration is not None:
-        tool = motion.between(motion.tool, part)
-        grown = np.swapaxes(tool, -1, -2) @ regeneration.stiffness[part] @ tool
-        stiffness = stiffness - grown
+    if softer is not None:
+        stiffness = stiffness - softer
     inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
     own = (inverse @ load[part][..., None])[..., 0]
-    past = inverse @ np.concatenate([stiffness, damping], axis=-1)
-    return own, past, None if grown is None else -inverse @ grown
+    return own, inverse @ np.concatenate([stiffness, damping], axis=-1), inverse
+
+
+def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:
+    tool = motion.between(motion.tool, part)
+    return np.asarray(np.swapaxes(tool, -1, -2) @ regeneration.stiffness[part] @ tool)
 
 
 def _nodes(times: FloatArray, spacing: float) -> FloatArray:
@@ -272,5 +279,6 @@ def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) 
     return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
 
 
-def _chunks(count: int) -> list[slice]:
+def chunk_slices(count: int) -> list[slice]:
+    """Parts of so many steps that are worked on together."""
     return [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]

@@ -94,10 +94,11 @@ def partition_dynamics(
     mechanism, (state, kinematics) = model.mechanism, placed
     from_driven, from_compliant = velocity_maps(mechanism, kinematics.closures)
     speeds = (from_driven @ drive.speed[..., None] + from_compliant @ rates[..., None])[..., 0]
-    dynamics = evaluate_dynamics(model, kinematics, speeds)
+    dynamics = evaluate_dynamics(model, kinematics, speeds if model.velocity_terms else None)
     offset = (from_driven @ drive.acceleration[..., None])[..., 0]
-    passive = dynamics.closures[..., mechanism.passive_slice]
-    offset[..., mechanism.passive_slice] -= np.linalg.solve(passive, dynamics.closure_bias[..., None])[..., 0]
+    if model.velocity_terms:
+        passive = dynamics.closures[..., mechanism.passive_slice]
+        offset[..., mechanism.passive_slice] -= np.linalg.solve(passive, dynamics.closure_bias[..., None])[..., 0]
     applied = dynamics.load + (np.swapaxes(dynamics.tool, -1, -2) @ force[..., None])[..., 0]
     left = np.swapaxes(from_compliant, -1, -2)
     load = (left @ (applied - (dynamics.mass @ offset[..., None])[..., 0])[..., None])[..., 0]

@@ -81,6 +81,13 @@ def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
     return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
 
 
+def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
+    """Damping ``(..., c, c)`` with a ratio for the first, second, ... mode, the last for all others [N s/m]."""
+    spread = motions.mass @ modes.shapes
+    zeta = np.concatenate([ratios, np.full(spread.shape[-1], ratios[-1])])[: spread.shape[-1]]
+    return np.asarray((spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :]) @ np.swapaxes(spread, -1, -2))
+
+
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:
     """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1 J^T``."""
     tool = mark_motion(model, motions, model.tool)

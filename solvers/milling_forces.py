@@ -103,13 +103,18 @@ def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
     return np.asarray((np.sin(theta) < -depth) & (np.cos(theta) > 0.0), dtype=float)
 
 
+def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatArray:
+    """``(teeth,)`` by how much each tooth stands out further than the one so many before it, whose surface it cuts [m]."""
+    radii = mill.runout * np.cos(lag + mill.runout_angle)
+    # angles fall: the tooth with the larger lag has passed earlier
+    return np.asarray(radii - np.roll(radii, -back))
+
+
 def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> FloatArray:
     theta, lag = tooth_angles(cut, times)
     per_tooth = feed * cut.tooth_period
     mill = cut.mill
-    # each tooth cuts what the one before it left: only the difference of their radii counts
-    radii = mill.runout * np.cos(lag + mill.runout_angle)
-    chip = per_tooth[:, None, None] * np.cos(theta) + (radii - np.roll(radii, 1))[:, None]
+    chip = per_tooth[:, None, None] * np.cos(theta) + radius_differences(mill, lag)[:, None]
     cutting = engaged(cut, theta) * (chip > 0.0) * (feed > 0.0)[:, None, None] * cut.axial_depth / cut.slices
     tangential, radial, axial = (
         (chip_part * chip + edge_part) * cutting

@@ -57,6 +57,7 @@ from headstock.validation.reduction_cases import (
     check_rigid_body_content,
     check_static_exactness,
 )
+from headstock.validation.stability_cases import check_contour_stability, check_stability_methods
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
 from headstock.validation.time_cases import check_rod_step
 from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
@@ -133,6 +134,8 @@ CASES: tuple[Case, ...] = (
     Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
     Case("tripteor-contouring", "tripteor", "tool gap along x on the faces of the milled block", check_contouring),
     Case("tripteor-contouring-nonlinear", "tripteor", "the start of the contour by the full equations", check_nonlinear_contour),
+    Case("tripteor-stability", "tripteor", "limit depths of the contour face by face", check_contour_stability),
+    Case("milling-stability", "milling_stability", "multipliers and limit depths by second roads", check_stability_methods),
     Case(
         "mechanism-derivatives", VERIFICATION, "Jacobians, bias and inertial forces by complex steps", check_mechanism_derivatives
     ),

@@ -27,6 +27,9 @@ SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
     ('points.tcp.work="platform.top"', "points.tcp", "against ground only"),
     ('analyses.contouring.radial_depth="11 mm"', "analyses.contouring.radial_depth", "more than the radius"),
     ('analyses.contouring.forces="missing.csv"', "analyses.contouring", "either the material"),
+    ('effects.regeneration="yes"', "effects.regeneration", "neither true nor false"),
+    ('effects={ regeneration = true }', "effects.regeneration", "cutting_force = true"),
+    ('mechanism.screw_lead="0 mm"', "mechanism.screw_lead", "above zero"),
     ('analyses.contouring.material="steel"', "analyses.contouring.material", "is not one of"),
     ('loads={ push = { at = "spindle.tip", force = ["1 N", "0 N", "0 N"] } }', "loads.push", "no loads but gravity"),
 ])  # fmt: skip
@@ -55,6 +58,17 @@ def test_components_on_a_mechanism_are_coupled_in_its_poses() -> None:
     stages = plan_scene(load_scene(SCENE, variant="components")).stages
     assert [stage.pose for stage in stages if stage.kind == "couple"] == ["config_1", "config_2", "config_3"]
     assert {"place", "map", "contour"}.isdisjoint(stage.kind for stage in stages)
+
+
+@pytest.mark.parametrize(("override", "key", "message"), [
+    ('analyses.contouring.steps_per_turn=98', "analyses.contouring.steps_per_turn", "multiple of the 4 teeth; write for example 96"),
+    ('analyses.contouring.model="nonlinear"', "effects.regeneration", 'write model = "linear"'),
+    ('analyses.contouring.material=""', "analyses.contouring.material", "is not one of"),
+])  # fmt: skip
+def test_regeneration_says_what_it_needs(override: str, key: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, variant="lumped", overrides=["effects.regeneration=true", override])
+    assert any(problem.key == key and message in problem.message for problem in caught.value.problems), str(caught.value)
 
 
 def test_a_lumped_mechanism_is_placed_and_neither_meshed_nor_coupled() -> None:
