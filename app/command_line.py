@@ -133,6 +133,30 @@ def study(
 
 
 @app.command()
+def sweep(
+    scene: SceneFile,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [sweeps.NAME].")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")
+    ] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it was."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.sweeping import SweepRequest, sweep_request
+
+        return sweep_request(SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json), comm)
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
 def compare(
     scene: SceneFile,
     variants: Annotated[

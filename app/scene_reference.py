@@ -30,6 +30,11 @@ NOTES = {
     "Compare.pose": "the first unless given",
     "Compare.reference": "column the others are held against; the richest unless given",
     "Scene.poses": 'axis positions: `X = "10 mm"`; axes left out are at zero; without any pose there is one, `reference`, at zero',
+    "Scene.sweeps": "poses in which `headstock sweep` repeats the analyses ([sweeps](sweeps.md))",
+    "Sweep.axes": "a grid: first and last position and how many, of each axis; axes left out are at zero",
+    "Sweep.poses": 'names of poses and positions, one by one: `["reference", { X = "10 mm" }]`',
+    "Sweep.path": 'corners of a way: `[{ X = "-100 mm" }, { X = "100 mm", Y = "50 mm" }]`',
+    "Sweep.step": "longest way between two poses of a path, of the axes that are measured like it",
     "Scene.drives": "accepted and not used in this version",
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
     "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); for `[analyses.contouring]` "

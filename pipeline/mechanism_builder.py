@@ -54,7 +54,7 @@ def build_map(scene: SceneTable) -> MapRequest | None:
         return None
     spans: dict[str, FloatArray] = {
         name: np.asarray(np.linspace(span.low.value, span.high.value, span.positions), dtype=float)
-        for name, span in scene.sweeps[request.sweep].axes.items()
+        for name, span in (scene.sweeps[request.sweep].axes or {}).items()
     }
     first, second = (name for name, values in spans.items() if len(values) > 1)
     fixed = {name: float(values[0]) for name, values in spans.items() if len(values) == 1}

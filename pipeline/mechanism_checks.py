@@ -87,8 +87,7 @@ def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
     for pose, positions in scene.poses.items():
         values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
     for sweep, table in scene.sweeps.items():
-        for axis, span in table.axes.items():
-            values += [(("sweeps", sweep, "axes", axis, i), axis, value) for i, value in enumerate((span.low, span.high))]
+        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
     for key, axis, value in values:
         wanted = LENGTH if axis in TOOL_POINT else ANGLE
         if axis in TOOL_AXES and value.dimension != wanted:
@@ -108,7 +107,7 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
             (*key, "sweep"), f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}"
         )
         return
-    counts = [span.positions for span in sweep.axes.values()]
+    counts = [span.positions for span in (sweep.axes or {}).values()]
     if sum(count > 1 for count in counts) != 2:
         findings.add((*key, "sweep"), "a map needs a sweep in which exactly two axes have more than one position")
     elif math.prod(counts) > MAX_MAP_POSES:

@@ -11,6 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine, Pose
 from headstock.geometry.tool_mechanisms import ToolMechanism
 from headstock.pipeline.study_points import Study
+from headstock.pipeline.sweep_poses import Sweep
 from headstock.solvers.milling_forces import MillingCut
 from headstock.solvers.second_order import Motion, Port
 from headstock.solvers.tool_paths import SquareContour
@@ -191,6 +192,7 @@ class Scene:
         warnings: What is allowed but looks wrong, each with its place.
         variant: Variant that was applied.
         studies: What may be varied, by name.
+        sweeps: Poses in which the analyses may be repeated, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
     """
@@ -207,6 +209,7 @@ class Scene:
     warnings: tuple[str, ...] = ()
     variant: str | None = None
     studies: dict[str, Study] = field(default_factory=dict)
+    sweeps: dict[str, Sweep] = field(default_factory=dict)
     mechanism: SceneMechanism | None = None
     modal_damping: tuple[float, ...] = ()
     compare: CompareSettings = field(default_factory=CompareSettings)

@@ -201,8 +201,7 @@ def _check_poses(scene: SceneTable, findings: Findings) -> None:
     for pose, positions in scene.poses.items():
         values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
     for sweep, table in scene.sweeps.items():
-        for axis, span in table.axes.items():
-            values += [(("sweeps", sweep, "axes", axis, i), axis, value) for i, value in enumerate((span.low, span.high))]
+        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
     for key, name, value in values:
         if name not in scene.axes:
             continue

@@ -19,6 +19,7 @@ from headstock.pipeline.scene_overrides import apply_settings, apply_values, app
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
 from headstock.pipeline.study_builder import build_study
+from headstock.pipeline.sweep_builder import build_sweep, check_sweeps
 from headstock.solvers.second_order import Port
 
 DEFAULT_MODES = 6
@@ -51,6 +52,7 @@ def load_scene(
         check_references(table, raw, findings)
         check_physics(table, path.parent, findings, complete=complete)
         check_mechanism(table, path.parent, findings, complete=complete)
+        check_sweeps(table, findings)
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
@@ -76,6 +78,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         warnings=tuple(warnings),
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
+        sweeps={name: build_sweep(name, table) for name in table.sweeps},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
         compare=CompareSettings(
             tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference

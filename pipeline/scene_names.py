@@ -141,8 +141,10 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
         for axis in pose:
             _check_name(("poses", name, axis), axis, "axes", names, findings, "axis")
     for name, sweep in scene.sweeps.items():
-        for axis in sweep.axes:
+        for axis in sweep.axes or ():
             _check_name(("sweeps", name, "axes", axis), axis, "axes", names, findings, "axis")
+        for place, axis, _ in sweep.quantities() if sweep.axes is None else ():
+            _check_name(("sweeps", name, *place), axis, "axes", names, findings, "axis")
     for axis in scene.drives:
         _check_name(("drives", axis), axis, "axes", names, findings, "axis")
     for name, study in scene.studies.items():

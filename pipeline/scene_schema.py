@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
@@ -10,9 +10,9 @@ from headstock.pipeline.schema_contouring import ContouringTable
 from headstock.pipeline.schema_frequency import FrfTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.schema_studies import StudyTable
+from headstock.pipeline.schema_sweeps import SweepTable
 from headstock.pipeline.schema_types import (
     MAX_POSES,
-    AxisPosition,
     Count,
     Flag,
     Name,
@@ -67,33 +67,6 @@ class AnalysesTable(StrictTable):
     @classmethod
     def _leave_out(cls, value: object) -> object:
         return None if value is False else value
-
-
-def _read_span(value: object) -> object:
-    if not isinstance(value, list) or len(value) != 3:
-        raise problem('is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]')
-    return {"low": value[0], "high": value[1], "positions": value[2]}
-
-
-class SpanTable(StrictTable):
-    """Lowest and highest position of an axis and the number of positions."""
-
-    low: AxisPosition
-    high: AxisPosition
-    positions: Count
-
-
-Span = Annotated[
-    SpanTable,
-    BeforeValidator(_read_span),
-    WithJsonSchema({"type": "array", "examples": [["-100 mm", "100 mm", 21]], "minItems": 3, "maxItems": 3}),
-]
-
-
-class SweepTable(StrictTable):
-    """Positions of axes at which the analyses are repeated."""
-
-    axes: Annotated[dict[Name, Span], Field(min_length=1)]
 
 
 class CompareTable(StrictTable):

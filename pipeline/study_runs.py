@@ -10,11 +10,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import headstock.geometry
-import headstock.meshing
-import headstock.pipeline
-import headstock.reduction
-import headstock.solvers
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
 from headstock.pipeline.rank_messages import share_from_root
@@ -22,6 +17,7 @@ from headstock.pipeline.resources import Cost, measure
 from headstock.pipeline.results import Json, Results, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses
+from headstock.pipeline.scene_content import PACKAGES, file_digests
 from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.scene_overrides import VARIANT_JOINER, split_variant
@@ -31,8 +27,6 @@ from headstock.pipeline.study_records import StudyRecord, append_record, read_re
 
 # of no influence on a point's results
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
-PACKAGES = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction, headstock.pipeline)
-FILE_KEYS = ("step", "mesh", "superelement")
 Measure = Callable[[Scene, Results], Json]
 
 
@@ -152,7 +146,7 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     """
     content = {
         "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
-        "files": dict(_file_digests(job.path.parent, job.raw)),
+        "files": dict(file_digests(job.path.parent, job.raw)),
         "variant": [job.raw["variants"][name] for name in split_variant(point.variant or None)],
         "settings": dict(point.settings),
         "analyses": sorted(point.analyses),
@@ -172,14 +166,6 @@ def _finished_points(folder: Path, *, retry: bool) -> dict[str, StudyRecord]:
 def _label_record(record: StudyRecord, point: StudyPoint) -> StudyRecord:
     # equal points of two families share a record
     return replace(record, family=point.family, varied=dict(point.varied))
-
-
-def _file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
-    """Files that solids are read from and their SHA-256."""
-    for component in raw.get("components", {}).values():
-        for name in (component["solid"][key] for key in FILE_KEYS if key in component.get("solid", {})):
-            with (folder / name).open("rb") as file:
-                yield name, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _load_point(job: StudyJob, point: StudyPoint) -> Scene:

@@ -1,0 +1,84 @@
+"""``headstock sweep``: the analyses of a scene in every pose of a sweep."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.console import print_stage
+from headstock.app.guard import DONE, FAILED
+from headstock.app.running import require_ranks
+from headstock.app.sweep_listing import print_sweep, print_sweep_header
+from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.results import dump_json
+from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.sweep_builder import check_sweep_carriages
+from headstock.pipeline.sweep_files import summarise_sweep, write_sweep
+from headstock.pipeline.sweep_results import collect_results
+from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, select_analyses
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    name: str
+    output: Path | None
+    variant: str | None
+    overrides: tuple[str, ...]
+    ranks: int | None
+    retry: bool
+    json_file: Path | None
+
+
+def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
+    """Run a sweep on all ranks, print what it found and write its files.
+
+    Raises:
+        SceneError: The scene or a pose of the sweep has problems.
+        click.UsageError: The scene has no such sweep, or an option does not fit.
+        HeadstockError: A component cannot be reduced, or a file cannot be written.
+    """
+    start = time.perf_counter()
+    require_ranks(request.ranks, comm)
+    job = share_from_root(comm, _make_job(request) if comm.rank == 0 else None)
+    with claim_output(job.folder) if comm.rank == 0 else contextlib.nullcontext():
+        if comm.rank == 0:
+            print_sweep_header(job, ranks=comm.size)
+        outcome = run_sweep(job, comm=comm, observer=print_stage)
+        failed = False
+        if comm.rank == 0:
+            results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+            write_sweep(job.folder, results)
+            summary = summarise_sweep(results)
+            write_output(job.folder / "sweep.json", dump_json(summary).encode())
+            if request.json_file is not None:
+                write_output(request.json_file, dump_json(summary).encode())
+            print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
+            failed = bool(results.failed)
+    return int(share_from_root(comm, FAILED if failed else DONE))
+
+
+def _make_job(request: SweepRequest) -> SweepJob:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    if request.name not in scene.sweeps:
+        raise click.UsageError(
+            f"{request.scene} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
+        )
+    sweep = scene.sweeps[request.name]
+    if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
+        raise click.UsageError(
+            f"{request.scene} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
+        )
+    findings = Findings(str(request.scene))
+    check_sweep_carriages(scene.machine, sweep, findings)
+    findings.raise_if_any()
+    stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
+    folder = request.output or Path("results") / stem
+    return SweepJob(select_analyses(scene), sweep, folder, Part(), request.retry)

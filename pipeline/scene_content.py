@@ -1,0 +1,23 @@
+"""What results of a scene depend on besides its text: this program's packages and the files that solids are read from."""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import headstock.geometry
+import headstock.meshing
+import headstock.pipeline
+import headstock.reduction
+import headstock.solvers
+from headstock.pipeline.results import Json
+
+PACKAGES = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction, headstock.pipeline)
+FILE_KEYS = ("step", "mesh", "superelement")
+
+
+def file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
+    """Files that solids are read from and their SHA-256."""
+    for component in raw.get("components", {}).values():
+        for name in (component["solid"][key] for key in FILE_KEYS if key in component.get("solid", {})):
+            with (folder / name).open("rb") as file:
+                yield name, hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,75 @@
+"""From validated tables to sweeps, and what may be wrong with them."""
+
+import math
+
+import numpy as np
+
+from headstock.geometry.carriages import place_carriages
+from headstock.geometry.machines import Machine
+from headstock.pipeline.rail_checks import SLACK, describe_overhang
+from headstock.pipeline.scene import TOOL_AXES, TOOL_POINT
+from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_sweeps import MAX_SWEEP_POSES, SweepTable
+from headstock.pipeline.sweep_poses import Sweep, count_path, make_grid, make_list, make_path, sweep_pose
+from headstock.pipeline.toml_positions import KeyPath
+
+OVERHANGS_TOLD = 3
+
+
+def axis_units(scene: SceneTable) -> dict[str, str]:
+    """``m`` or ``rad`` of every axis of a scene, those of a mechanism's tool among them."""
+    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in scene.axes.items()}
+    if scene.mechanism is not None:
+        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
+    return units
+
+
+def build_sweep(name: str, scene: SceneTable) -> Sweep:
+    """The sweep a faultless table stands for."""
+    table, units = scene.sweeps[name], axis_units(scene)
+    if table.axes is not None:
+        spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
+        return make_grid(name, units, spans)
+    if table.path is not None and table.step is not None:
+        return make_path(name, units, _values(table, scene), table.step.value, table.step.dimension.unit)
+    labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
+    return make_list(name, units, _values(table, scene), labels if all(labels) else [])
+
+
+def check_sweeps(scene: SceneTable, findings: Findings) -> None:
+    """Report sweeps that name unknown poses or have too many."""
+    for name, table in scene.sweeps.items():
+        for index, place in enumerate(table.poses or ()):
+            if isinstance(place, str) and place not in scene.poses:
+                hint = suggest_names(place, scene.poses, what="poses")
+                findings.add(("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}")
+        if (count := _count_poses(table, scene)) > MAX_SWEEP_POSES:
+            key = "axes" if table.axes is not None else "step"
+            findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")
+
+
+def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) -> None:
+    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of each is named."""
+    told: set[str] = set()
+    for number in range(len(sweep.positions)):
+        pose = sweep_pose(sweep, number)
+        for carriage in place_carriages(machine, pose):
+            over = carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0])
+            if over and carriage.joint not in told and len(told) < OVERHANGS_TOLD:
+                told.add(carriage.joint)
+                key: KeyPath = ("sweeps", sweep.name)
+                findings.add(key, f"in pose {pose.name} {describe_overhang(carriage)}")
+
+
+def _values(table: SweepTable, scene: SceneTable) -> list[dict[str, float]]:
+    places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or table.path or ()]
+    return [{axis: quantity.value for axis, quantity in place.items()} for place in places]
+
+
+def _count_poses(table: SweepTable, scene: SceneTable) -> int:
+    if table.axes is not None:
+        return math.prod(span.positions for span in table.axes.values())
+    if table.path is not None and table.step is not None:
+        return count_path(axis_units(scene), _values(table, scene), table.step.value, table.step.dimension.unit)
+    return len(table.poses or ())

@@ -1,0 +1,119 @@
+"""Sweeps of a scene, and the poses they consist of."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machines import Pose
+
+SweepKind = Literal["grid", "list", "path"]
+SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Poses in which the analyses are repeated.
+
+    Attributes:
+        name: In the scene.
+        kind: A grid, whose last axis changes fastest; a list; or a path, whose neighbours follow each other.
+        axes: Names of the axes that are set; others stand at zero.
+        units: ``m`` or ``rad`` of each.
+        positions: ``(n, k)`` of every pose [m, rad].
+        shape: Number of positions of each axis of a grid; ``(n,)`` otherwise.
+        labels: Names of the poses of a list; empty where they have none.
+    """
+
+    name: str
+    kind: SweepKind
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    positions: FloatArray
+    shape: tuple[int, ...]
+    labels: tuple[str, ...] = ()
+
+
+def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) -> Sweep:
+    """Every combination of the axes' positions."""
+    positions = np.array(list(itertools.product(*spans.values())), dtype=float) + 0.0
+    shape = tuple(len(values) for values in spans.values())
+    return Sweep(name, "grid", tuple(spans), tuple(units[axis] for axis in spans), positions, shape)
+
+
+def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], labels: list[str]) -> Sweep:
+    """Poses one by one; axes that a pose does not name stand at zero in it."""
+    axes, positions = _stack(places)
+    return Sweep(name, "list", axes, tuple(units[axis] for axis in axes), positions, (len(positions),), tuple(labels))
+
+
+def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> Sweep:
+    """Poses along straight legs between waypoints, each leg divided evenly into steps of at most ``step``.
+
+    The length of a leg is that of the way of the axes that are measured like the step.
+    """
+    axes, corners = _stack(waypoints)
+    measured = np.array([units[axis] == unit for axis in axes])
+    places = [corners[:1]]
+    for start, leg in zip(corners[:-1, None], np.diff(corners, axis=0)[:, None], strict=True):
+        length = float(np.linalg.norm(leg[:, measured]))
+        count = max(1, math.ceil(length / step * (1.0 - 1e-9)))
+        places.append(start + np.arange(1, count + 1)[:, None] / count * leg)
+    positions = np.vstack(places)
+    return Sweep(name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),))
+
+
+def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> int:
+    """How many poses a path has, without making them; infinite where a number is too large to count."""
+    axes, corners = _stack(waypoints)
+    measured = np.array([units.get(axis) == unit for axis in axes], dtype=bool)
+    lengths = np.linalg.norm(np.diff(corners, axis=0)[:, measured], axis=1)
+    steps = np.maximum(1.0, np.ceil(lengths / step * (1.0 - 1e-9)))
+    return 1 + int(min(steps.sum(), 1e15))
+
+
+def sweep_pose(sweep: Sweep, number: int) -> Pose:
+    """One pose of a sweep, named by its label or its positions."""
+    positions = sweep.positions[number]
+    name = sweep.labels[number] if sweep.labels else describe_positions(sweep, number)
+    return Pose(name, dict(zip(sweep.axes, map(float, positions), strict=True)))
+
+
+def describe_positions(sweep: Sweep, number: int) -> str:
+    """Positions of a pose in words: ``X -100 mm, B 30 deg``; axes that stand still are left out."""
+    shown = []
+    for column in moving_axes(sweep) or range(len(sweep.axes)):
+        factor, word = SHOWN[sweep.units[column]]
+        shown.append(f"{sweep.axes[column]} {round(factor * float(sweep.positions[number, column]), 9) + 0.0:g} {word}")
+    return ", ".join(shown)
+
+
+def moving_axes(sweep: Sweep) -> list[int]:
+    """Which of the axes stand in more than one place."""
+    return [column for column in range(len(sweep.axes)) if np.ptp(sweep.positions[:, column]) > 0.0]
+
+
+def sweep_neighbours(sweep: Sweep, present: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Pairs of poses that lie beside each other, along each axis of a grid or one after the other.
+
+    Args:
+        sweep: The poses.
+        present: ``(n,)`` which of them count; those before and after one that does not are neighbours.
+    """
+    numbers = np.arange(len(sweep.positions)).reshape(sweep.shape)
+    pairs: list[tuple[int, int]] = []
+    for axis in range(numbers.ndim):
+        for line in np.moveaxis(numbers, axis, -1).reshape(-1, sweep.shape[axis]):
+            kept = line[present[line]].tolist()
+            pairs += itertools.pairwise(kept)
+    return pairs
+
+
+def _stack(places: list[dict[str, float]]) -> tuple[tuple[str, ...], FloatArray]:
+    axes = tuple(dict.fromkeys(axis for place in places for axis in place))
+    rows = [[place.get(axis, 0.0) for axis in axes] for place in places]
+    return axes, np.array(rows, dtype=float).reshape(len(places), len(axes)) + 0.0
