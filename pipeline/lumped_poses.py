@@ -12,10 +12,10 @@ from headstock.geometry.exechon_poses import survey_tool_poses
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Pose
+from headstock.geometry.tool_mechanisms import solve_pose, tool_pose
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import SPRING_PARTS, build_compliant_mechanism, place_mechanism, series_parts
 from headstock.pipeline.machine_poses import POSE_ERRORS, count_wanted, list_figures
-from headstock.pipeline.mechanism_builder import solve_pose, tool_pose
 from headstock.pipeline.pose_results import PoseResult
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.scene import SceneMechanism
@@ -28,7 +28,7 @@ POSES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
-class MechanismPoses:
+class LumpedPoses:
     """What all poses of a lumped mechanism share.
 
     Attributes:
@@ -46,17 +46,17 @@ class MechanismPoses:
     own: Mapping[str, Frame]
 
 
-def share_mechanism(state: RunState, superelements: Mapping[str, Superelement]) -> MechanismPoses:
+def share_mechanism(state: RunState, superelements: Mapping[str, Superelement]) -> LumpedPoses:
     """What all poses of the mechanism of a scene share."""
     mechanism = state.scene.mechanism
     if mechanism is None:
         raise ValueError("the scene has no mechanism")
     own = {name: component.placement for name, component in state.plan.components.items()}
     model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity)
-    return MechanismPoses(state, mechanism, model, superelements, own)
+    return LumpedPoses(state, mechanism, model, superelements, own)
 
 
-def solve_mechanism_poses(shared: MechanismPoses, poses: list[Pose], positions: FloatArray) -> list[PoseResult]:
+def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatArray) -> list[PoseResult]:
     """What the scene asks for in many poses.
 
     Args:
@@ -64,7 +64,7 @@ def solve_mechanism_poses(shared: MechanismPoses, poses: list[Pose], positions: 
         poses: Of the tool.
         positions: The same as ``(n, k)``, for the results.
     """
-    tools = [tool_pose(shared.mechanism, pose) for pose in poses]
+    tools = [tool_pose(shared.mechanism, pose.positions) for pose in poses]
     survey = survey_tool_poses(shared.mechanism.mounted, np.array([t[0] for t in tools]), np.array([t[1] for t in tools]))
     taken = survey.within & np.isfinite(survey.condition)
     found = _solve_taken(shared, survey.states[taken]) if taken.any() else []
@@ -84,7 +84,7 @@ def solve_mechanism_poses(shared: MechanismPoses, poses: list[Pose], positions: 
     return results
 
 
-def _solve_taken(shared: MechanismPoses, states: FloatArray) -> list[dict[str, Any]]:
+def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]]:
     analyses = shared.state.scene.analyses
     motions = linearise_poses(shared.model, states)
     found: list[dict[str, Any]] = [{} for _ in states]
@@ -109,7 +109,7 @@ def _solve_taken(shared: MechanismPoses, states: FloatArray) -> list[dict[str, A
     return found
 
 
-def _point_motion(shared: MechanismPoses, motions: SmallMotions, end: JointEnd) -> FloatArray:
+def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> FloatArray:
     """``(n, 3, c)`` translation of an interface per compliant coordinate, ground frame of the chains."""
     name, interface = end.component or "", end.interface or ""
     mark, own = shared.mechanism.carries[name], shared.own[name]
@@ -120,7 +120,7 @@ def _point_motion(shared: MechanismPoses, motions: SmallMotions, end: JointEnd) 
     return np.asarray(motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1))
 
 
-def _weakest_parts(shared: MechanismPoses, states: FloatArray, energies: FloatArray) -> tuple[list[list[str]], FloatArray]:
+def _weakest_parts(shared: LumpedPoses, states: FloatArray, energies: FloatArray) -> tuple[list[list[str]], FloatArray]:
     """Part with most of the strain energy ``(n, p, 3, c)`` of each unit force: names and shares, ``3 p`` per pose."""
     springs, lengths = shared.mechanism.springs, shared.model.springs.length
     if springs is None:
@@ -138,9 +138,9 @@ def _weakest_parts(shared: MechanismPoses, states: FloatArray, energies: FloatAr
     return [[labels[index] for index in row] for row in best], np.take_along_axis(parts, best[..., None], axis=-1)[..., 0]
 
 
-def _solve_response(shared: MechanismPoses, pose: Pose) -> FloatArray:
+def _solve_response(shared: LumpedPoses, pose: Pose) -> FloatArray:
     superelements, own = dict(shared.superelements), dict(shared.own)
-    placed = place_mechanism(shared.mechanism, shared.model, solve_pose(shared.mechanism, pose), (superelements, own))
+    placed = place_mechanism(shared.mechanism, shared.model, solve_pose(shared.mechanism, pose.positions), (superelements, own))
     points = shared.state.scene.machine.points
     system = pose_system(shared.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
     stage = Stage("frf", None, "", pose=pose.name)
@@ -150,7 +150,7 @@ def _solve_response(shared: MechanismPoses, pose: Pose) -> FloatArray:
 
 def _why_not(mechanism: SceneMechanism, pose: Pose) -> str:
     try:
-        solve_pose(mechanism, pose)
+        solve_pose(mechanism, pose.positions)
     except PoseError as error:
         return str(error)
     return "a singular pose"

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from headstock.geometry.errors import HeadstockError
+from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
+from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.frf_results import PortFigures
 from headstock.pipeline.frf_stages import respond
+from headstock.pipeline.mechanism_poses import describe_state
 from headstock.pipeline.pose_results import FIGURES, PoseResult
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.scene import ModalRequest
@@ -51,9 +53,11 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
     """
     try:
         coupled = couple(shared.superelements, shared.state.scene.machine, pose)
+    except PoseError as error:
+        return PoseResult(positions, "unreachable", str(error))
     except POSE_ERRORS as error:
         return PoseResult(positions, "failed", f"coupling: {error}")
-    values: dict[str, Any] = {}
+    values = _find_condition(shared, pose)
     errors: list[str] = []
     analyses = shared.state.scene.analyses
     for name, solve in (("static", _solve_points), ("modal", _solve_modes), ("frf", _solve_response)):
@@ -77,6 +81,13 @@ def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count:
     if request.up_to_hz is not None:
         wanted = min(wanted, max(rigid_count, int(np.searchsorted(frequencies_hz, request.up_to_hz, side="right"))))
     return wanted
+
+
+def _find_condition(shared: MachinePoses, pose: Pose) -> dict[str, Any]:
+    mechanism = shared.state.scene.mechanism
+    if mechanism is None:
+        return {}
+    return {"condition": np.array([describe_state(mechanism, solve_pose(mechanism, pose.positions)).condition_number])}
 
 
 def _solve_points(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:

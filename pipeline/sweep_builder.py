@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from headstock.geometry.carriages import place_carriages
+from headstock.geometry.errors import PoseError
 from headstock.geometry.machines import Machine
+from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.rail_checks import SLACK, describe_overhang
-from headstock.pipeline.scene import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_sweeps import MAX_SWEEP_POSES, SweepTable
@@ -54,7 +55,11 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
     told: set[str] = set()
     for number in range(len(sweep.positions)):
         pose = sweep_pose(sweep, number)
-        for carriage in place_carriages(machine, pose):
+        try:
+            carriages = place_carriages(machine, pose)
+        except PoseError:
+            continue  # out of the mechanism's reach: blank in the maps
+        for carriage in carriages:
             over = carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0])
             if over and carriage.joint not in told and len(told) < OVERHANGS_TOLD:
                 told.add(carriage.joint)

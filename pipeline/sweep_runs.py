@@ -11,8 +11,8 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
 from headstock.pipeline.machine_poses import MachinePoses, solve_machine_pose
-from headstock.pipeline.lumped_poses import POSES_AT_ONCE, MechanismPoses, share_mechanism, solve_mechanism_poses
 from headstock.pipeline.planner import is_lumped, plan_scene
 from headstock.pipeline.pose_journals import PoseJournal, read_journals
 from headstock.pipeline.pose_results import PoseResult
@@ -180,11 +180,11 @@ def _solve_poses(
         for number in numbers:
             yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])
         return
-    mechanism: MechanismPoses = share_mechanism(state, superelements)
+    mechanism: LumpedPoses = share_mechanism(state, superelements)
     for start in range(0, len(numbers), POSES_AT_ONCE):
         chunk = numbers[start : start + POSES_AT_ONCE]
         poses = [sweep_pose(job.sweep, number) for number in chunk]
-        yield from solve_mechanism_poses(mechanism, poses, job.sweep.positions[np.array(chunk)])
+        yield from solve_lumped_poses(mechanism, poses, job.sweep.positions[np.array(chunk)])
 
 
 def _wait_for_all(comm: MPI.Comm) -> None:
