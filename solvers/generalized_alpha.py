@@ -15,6 +15,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 
 MAX_ITERATIONS = 12
+MEASURE_EVERY = 16  # steps between two looks at how fast Newton's method converges
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,22 +112,25 @@ def integrate_motion(
         ConvergenceError: Newton's method fails in a step; says when.
     """
     chosen = scheme or AlphaScheme()
-    state, auxiliary = start, start.acceleration
+    state, auxiliary, shrinking = start, start.acceleration, np.inf
     for number in range(count):
         time = start.time + (number + 1) * step
-        state, auxiliary = _advance(problem, state, auxiliary, (time, step), (chosen, tolerance))
+        if number % MEASURE_EVERY == 0:
+            shrinking = np.inf
+        state, auxiliary, shrinking = _advance(problem, (state, auxiliary), (time, step), (chosen, tolerance), shrinking)
         observe(state)
     return state
 
 
 def _advance(
     problem: ConstrainedProblem,
-    old: MotionState,
-    auxiliary: FloatArray,
+    before: tuple[MotionState, FloatArray],
     when: tuple[float, float],
     how: tuple[AlphaScheme, float],
-) -> tuple[MotionState, FloatArray]:
-    (time, h), (scheme, tolerance) = when, how
+    shrinking: float,
+) -> tuple[MotionState, FloatArray, float]:
+    """One step; ``shrinking`` is by how much a correction was smaller than the one before it, when that was last measured."""
+    (old, auxiliary), (time, h), (scheme, tolerance) = before, when, how
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     # predict with zero change of acceleration
     acceleration = old.acceleration
@@ -152,9 +156,10 @@ def _advance(
             state.acceleration + to_acceleration * change,
             state.multipliers + force,
         )
-        # a correction that stops shrinking at the level of roundoff is as good as it gets
-        if size <= tolerance or (size <= 100.0 * tolerance and size > 0.5 * last):
-            return state, rest + share * state.acceleration
+        # good enough where the next correction would be (Hairer and Wanner 1996, sec. IV.8), or where corrections are roundoff
+        measured = size / last if last < np.inf else shrinking
+        if min(size, 2.0 * measured * size) <= tolerance or (size <= 100.0 * tolerance and size > 0.5 * last):
+            return state, rest + share * state.acceleration, measured
         last = size
     raise ConvergenceError(
         f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g};"

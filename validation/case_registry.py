@@ -57,6 +57,7 @@ from headstock.validation.reduction_cases import (
     check_rigid_body_content,
     check_static_exactness,
 )
+from headstock.validation.singular_cases import check_singular_passage
 from headstock.validation.stability_cases import check_contour_stability, check_stability_methods
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
 from headstock.validation.time_cases import check_rod_step
@@ -146,6 +147,7 @@ CASES: tuple[Case, ...] = (
     Case("three-models-path", VERIFICATION, "ODE and absolute coordinates over 10 ms", check_common_path),
     Case("energy-balance", VERIFICATION, "energy gained is work put in", check_energy_balance),
     Case("integration-orders", VERIFICATION, "generalised-α on ODE and index-3 DAE", check_integration_orders),
+    Case("singular-passage", VERIFICATION, "20 s to and fro over a singular pose", check_singular_passage),
     Case("constraint-drift", VERIFICATION, "open loops over 10 000 steps", check_constraint_drift),
     Case("constraint-drift-million", VERIFICATION, "open loops over 1 000 000 steps", check_million_steps, on_request=True),
 )

@@ -1,4 +1,9 @@
-"""H38: over-constrained mechanisms: the rank is found, no freedom is lost, and joint forces are called not unique."""
+"""H38: over-constrained mechanisms: the rank is found, no freedom is lost, and joint forces are called not unique.
+
+Ranks depend on where a loop is cut. Bricard's six hinges: 6 closures of rank 5 with all six angles, 5 of rank 4 when cut at a hinge
+whose angle is no coordinate. The Exechon: 12 loop equations of rank 10 in 13 joints, 9 of rank 9 with the common axis shared and
+the redundant ones left out. One freedom, and three, either way.
+"""
 
 import numpy as np
 import pytest
@@ -51,6 +56,23 @@ def close_bricard() -> np.ndarray:
 def test_bricard_moves_although_six_closures_meet_six_hinges() -> None:
     mobility = find_mobility(bricard(), close_bricard())
     assert (mobility.closures, mobility.rank, mobility.freedom, mobility.redundant) == (6, 5, 1, 1)
+
+
+def test_bricard_cut_open_at_a_hinge_has_rank_four_of_five() -> None:
+    # without the angle of the last hinge: five closures of that hinge on the other five angles
+    chain, _ = bricard().chains
+    cut = next(place for place, item in enumerate(chain) if item == turn("z", "t6"))
+    back = (turn("x", QUARTER), shift("x", -1.0), Mark("start"))
+    mechanism = Mechanism(
+        "Bricard, cut at a hinge",
+        ((*chain[:cut], Mark("end")), back),
+        (Meeting("end", "start"), Alignment("start", "end", ("x", "y"))),
+        (),
+    )
+    angles = close_bricard()[:5]
+    assert np.abs(closure_residual(mechanism, angles)).max() < 1e-12
+    mobility = find_mobility(mechanism, angles)
+    assert (mobility.closures, mobility.rank, mobility.freedom, mobility.redundant) == (5, 4, 1, 1)
 
 
 def test_an_exechon_with_all_twelve_loop_equations_has_two_too_many() -> None:
