@@ -315,11 +315,11 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
     def action() -> int:
         from headstock.app.console import print_remarks
         from headstock.app.publishing import publish_again
-        from headstock.pipeline.result_files import REPORT_FILE, claim_output, read_curves, read_summary, read_view
+        from headstock.pipeline.result_files import REPORT_FILE, claim_output, read_curves, read_paths, read_summary, read_view
 
         summary = read_summary(folder)
         with claim_output(folder):
-            print_remarks(publish_again(folder, summary, read_view(folder), read_curves(folder)))
+            print_remarks(publish_again(folder, summary, read_view(folder), read_curves(folder), read_paths(folder)))
         typer.echo(folder / REPORT_FILE)
         return 0
 

@@ -85,6 +85,8 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
         print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
+    if "path" in summary:
+        print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
     _print_warnings(console, summary["warnings"])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)
@@ -217,6 +219,28 @@ def _response_table(ports: Sequence[Json]) -> Table:
             numbers = ["free" if port["static_um_per_kN"] is None else f"{port['static_um_per_kN']:.4g}"]
             numbers += ["-" if port[key] is None else f"{port[key]:.4g}" for key in keys]
             add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
+    return table
+
+
+def _path_title(path: Json) -> str:
+    moved = ", ".join(axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0))
+    low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
+    return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"
+
+
+def _path_table(path: Json) -> Table:
+    table = make_table("feed", "at", "zone", ">peak", ">at s", ">span", ">static", ">ringing", ">rms", ">settles")
+    for column in table.columns:
+        column.no_wrap = True
+    for run in path["feeds"]:
+        for output in run["outputs"]:
+            unit = "urad" if output["port"][1].startswith("r") else "um"
+            for zone in ("accelerating", "decelerating"):
+                found = output[zone]
+                sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "rms")}
+                settling = "-" if found["settling_s"] is None else f"{found['settling_s']:.3f}"
+                cells = (sizes["peak"], f"{found['peak_s']:.4f}", sizes["span"], sizes["quasi_static"], sizes["dynamic"])
+                add_row(table, run["name"], " ".join(output["port"]), f"{zone[:5]}.", *cells, sizes["rms"], settling)
     return table
 
 

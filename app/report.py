@@ -13,16 +13,19 @@ from markupsafe import Markup
 from headstock.app.console import sort_shares
 from headstock.app.error_texts import error_words, largest_shares
 from headstock.app.frf_tables import tabulate_response
+from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_contour import draw_contour
 from headstock.app.report_frf import draw_response, has_more_fields
 from headstock.app.report_map import draw_map
 from headstock.app.report_notes import judge_numbers
+from headstock.app.report_path import draw_path
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
 from headstock.app.viewer_data import EncodedMachine, encode_machine
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
+from headstock.pipeline.path_results import PathCurves
 from headstock.pipeline.result_files import REPORT_FILE, write_output
 from headstock.pipeline.results import Json
 
@@ -38,6 +41,7 @@ def write_report(
     view: MachineView | None = None,
     stills: Mapping[str, bytes] | None = None,
     curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -45,7 +49,7 @@ def write_report(
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(summary, view, stills, curves).encode())
+    write_output(path, render_report(summary, view, stills, curves, paths).encode())
     return path
 
 
@@ -54,6 +58,7 @@ def render_report(
     view: MachineView | None = None,
     stills: Mapping[str, bytes] | None = None,
     curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
 ) -> str:
     """The report as HTML text that refers to nothing outside itself.
 
@@ -64,11 +69,12 @@ def render_report(
         view: What there is to draw; without it the report has no machine view.
         stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
         curves: Of the frequency responses.
+        paths: Of the path analysis.
     """
     view = view or MachineView()
     colors = component_colors(view)
     static = static_by_pose(summary)
-    tables = [*list_tables(summary), *(tabulate_response(response) for response in curves)]
+    tables = [*list_tables(summary), *map(tabulate_response, curves)]
     machine = encode_machine(view, _captions(summary, view))
     return (
         report_environment()
@@ -84,6 +90,8 @@ def render_report(
             colors=colors,
             notes=judge_numbers(summary),
             downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in tables},
+            paths=list(paths),
+            path_stems=[path_stem(run) for run in paths],
             responses={response.pose: response for response in curves},
             style=Markup(read_asset(STYLE)),
             script=Markup(read_asset(SCRIPT)),
@@ -196,7 +204,7 @@ def report_environment() -> jinja2.Environment:
     environment.filters |= filters
     drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
-    drawing |= {"draw_map": draw_map, "draw_contour": draw_contour}
+    drawing |= {"draw_map": draw_map, "draw_contour": draw_contour, "draw_path": draw_path}
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

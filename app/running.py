@@ -1,7 +1,6 @@
 """``headstock run``: from a scene file to results, a printed summary and a report."""
 
 import contextlib
-import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.results import Results, dump_json, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import Analyses, Scene, keep_analyses
+from headstock.pipeline.scene import Scene, keep_analyses, list_analyses
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.stages import Stage, StageRecord
 
@@ -62,9 +61,10 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
         if comm.rank == 0:
             summary = summarise(results)
             curves = [response.curves for response in results.responses]
+            paths = [run.curves for run in results.path.runs] if results.path is not None else []
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
-                remarks = publish_run(output, summary, results.view, curves, figures=request.figures)
+                remarks = publish_run(output, summary, results.view, curves, paths, figures=request.figures)
             if request.json_file is not None:
                 write_output(request.json_file, dump_json(summary).encode())
             print_remarks(remarks)
@@ -90,8 +90,7 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
     Raises:
         click.UsageError: A name is none of the scene's analyses.
     """
-    kinds = [field.name for field in dataclasses.fields(Analyses)]
-    present = [kind for kind in kinds if getattr(scene.analyses, kind) is not None]
+    present = list_analyses(scene)
     for name in names:
         if name not in present:
             raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")

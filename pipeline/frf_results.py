@@ -127,14 +127,15 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
     Raises:
         KeyError: A part is missing.
     """
-    inputs, outputs = (tuple(_split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
+    inputs, outputs = (tuple(split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
     given = group.attrs
     return ResponseCurves(
         pose, inputs, outputs, group["frequencies_hz"][:], group["receptance"][:], given["motion"], given["spacing"]
     )
 
 
-def _split_port(text: str) -> Port:
+def split_port(text: str) -> Port:
+    """The port of a name such as ``tcp x``."""
     name, _, direction = text.rpartition(" ")
     return name, direction
 

@@ -26,7 +26,7 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.scene import Analyses, ContouringRequest, FrfRequest, Limits, MapRequest, ModalRequest, Scene
+from headstock.pipeline.scene import Analyses, ContouringRequest, FrfRequest, Limits, MapRequest, ModalRequest, PathRequest, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -64,6 +64,8 @@ def plan_scene(scene: Scene) -> Plan:
         stages.append(Stage("map", None, _describe_map(scene.analyses.map)))
     if scene.analyses.contouring is not None:
         stages.append(Stage("contour", None, _describe_contour(scene.analyses.contouring)))
+    if scene.analyses.path is not None:
+        stages.append(Stage("path", None, _describe_path(scene.analyses.path)))
     stages.append(Stage("write", None, "results.h5 and summary.json"))
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
@@ -71,7 +73,7 @@ def plan_scene(scene: Scene) -> Plan:
         stages=tuple(stages),
         components=components,
         poses=poses,
-        with_modes=scene.analyses.modal is not None or scene.analyses.frf is not None,
+        with_modes=is_dynamic(scene.analyses),
         gravity=gravity,
         warnings=_plan_warnings(components),
     )
@@ -80,7 +82,7 @@ def plan_scene(scene: Scene) -> Plan:
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
     """Which fixed-interface modes of a component are kept, and why."""
     asked, modal = component.reduction, analyses.modal
-    if modal is None and analyses.frf is None:
+    if not is_dynamic(analyses):
         return ReductionSettings(modes=0), "static only: constraint modes, no eigenpairs"
     if asked.modes is not None:
         return asked, f"{asked.modes} fixed-interface modes, as the scene says"
@@ -99,6 +101,11 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 
+def is_dynamic(analyses: Analyses) -> bool:
+    """Whether an analysis needs mass and fixed-interface modes."""
+    return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path))
+
+
 def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
     """How high each analysis looks [Hz], and how many times that the modes must reach; a count of frequencies says nothing."""
     found = {}
@@ -106,6 +113,9 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
         found["modal analysis"] = (analyses.modal.up_to_hz, MODE_MARGIN)
     if analyses.frf is not None:
         found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
+    if analyses.path is not None:
+        low_pass = analyses.path.low_pass
+        found["path analysis"] = (0.5 * analyses.path.sampling_hz if low_pass is None else low_pass.frequency_hz, MODE_MARGIN)
     return found
 
 
@@ -192,6 +202,11 @@ def _describe_map(request: MapRequest) -> str:
 def _describe_frf(frf: FrfRequest) -> str:
     entries = f"{len(frf.outputs)} × {len(frf.inputs)} responses"
     return f"{frf.motion}, {entries} from {frf.from_hz:g} to {frf.to_hz:g} Hz"
+
+
+def _describe_path(request: PathRequest) -> str:
+    feeds = " and ".join(f"{6e4 * move.feed:g}" for move in request.moves)
+    return f"{', '.join(request.path.axes)} moves {1e3 * request.path.length:g} mm at {feeds} mm/min, sampled at {request.sampling_hz:g} Hz"
 
 
 def _describe_modal(modal: ModalRequest) -> str:

@@ -15,6 +15,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.atomic_files import PendingFiles, lock_folder, write_atomically
 from headstock.pipeline.frf_results import ResponseCurves, fill_curves, parse_curves
 from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.path_results import PathCurves, fill_path, parse_path
 from headstock.pipeline.record_files import RecordError, read_record, write_record
 from headstock.pipeline.results import Json, PoseModes, Results, check_finite, dump_json, summarise
 
@@ -124,6 +125,8 @@ def _fill(file: h5py.File, results: Results) -> None:
     write_record(file.create_group("view", track_order=True), results.view)
     for response in results.responses:
         fill_curves(file.create_group(f"frf/{response.curves.pose}"), response.curves)
+    for run in results.path.runs if results.path is not None else ():
+        fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
     for modes in results.modal:
         _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
 
@@ -179,6 +182,15 @@ def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
         OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
     """
     return _read_results(folder, lambda file: tuple(parse_curves(pose, group) for pose, group in file.get("frf", {}).items()))
+
+
+def read_paths(folder: Path) -> tuple[PathCurves, ...]:
+    """The curves of a path analysis, one per feed, from ``results.h5``; empty without any.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    return _read_results(folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values()))
 
 
 def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:

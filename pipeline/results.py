@@ -14,6 +14,7 @@ from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.frf_results import PoseResponse, summarise_response
 from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.path_results import PathResult, summarise_path
 from headstock.pipeline.stages import StageRecord
 from headstock.solvers.errors import AccuracyError
 
@@ -142,6 +143,7 @@ class Results:
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
         contouring: Tool gap around a milled block, as in the summary.
+        path: Deviation from a path while axes accelerate.
         map: Frequencies, stiffness and condition number over a plane of poses, as in the summary.
         mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
         files: SHA-256 by file name of what was written beside the summary.
@@ -163,6 +165,7 @@ class Results:
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None
     contouring: Json | None = None
+    path: PathResult | None = None
     responses: tuple[PoseResponse, ...] = ()
 
 
@@ -196,6 +199,8 @@ def summarise(results: Results) -> Json:
         }
     if results.contouring is not None:
         summary["contouring"] = results.contouring
+    if results.path is not None:
+        summary["path"] = summarise_path(results.path)
     if results.map is not None:
         summary["map"] = results.map
     if results.mechanism:

@@ -10,6 +10,7 @@ from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline.frf_results import PoseResponse
 from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
+from headstock.pipeline.path_results import PathResult
 from headstock.pipeline.results import Json, MechanismPose, PointCompliance, PoseModes, ProbeResponse
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan
@@ -49,6 +50,7 @@ class RunState:
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None
     contouring: Json | None = None
+    path: PathResult | None = None
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)

@@ -27,6 +27,7 @@ from headstock.pipeline.mechanism_stages import (
     run_lumped_static_stage,
     run_place_stage,
 )
+from headstock.pipeline.path_stage import run_path_stage
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.probe_stages import run_recover_stage
 from headstock.pipeline.rank_messages import share_from_root
@@ -57,6 +58,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "map": run_map_stage,
     "contour": run_contour_stage,
     "frf": run_frf_stage,
+    "path": run_path_stage,
 }
 # what differs once a lumped mechanism has been placed
 LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage, "frf": run_lumped_frf_stage}
@@ -129,6 +131,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         mechanism=state.mechanism,
         map=state.map,
         contouring=state.contouring,
+        path=state.path,
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),

@@ -8,12 +8,15 @@ from typing import Any, Literal
 
 from headstock.geometry.components import Fidelity
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine_paths import MachinePath
 from headstock.geometry.machines import Machine, Pose
 from headstock.geometry.tool_mechanisms import ToolMechanism
 from headstock.pipeline.study_points import Study
 from headstock.pipeline.sweep_poses import Sweep
 from headstock.solvers.milling_forces import MillingCut
+from headstock.solvers.path_figures import LowPass
 from headstock.solvers.second_order import Motion, Port
+from headstock.solvers.set_points import SetPoint
 from headstock.solvers.tool_paths import SquareContour
 
 
@@ -104,6 +107,27 @@ class ContouringRequest:
 
 
 @dataclass(frozen=True)
+class PathRequest:
+    """A straight move of axes, once per feed.
+
+    Attributes:
+        path: From where to where.
+        moves: One per feed, in the order of the scene.
+        outputs: Where the deviation is wanted.
+        sampling_hz: Samples a second.
+        low_pass: What the deviation is filtered by; None for nothing.
+        ring_down: How long after a ramp its ringing is looked at, and recorded after the end [s].
+    """
+
+    path: MachinePath
+    moves: tuple[SetPoint, ...]
+    outputs: tuple[Port, ...]
+    sampling_hz: float
+    low_pass: LowPass | None
+    ring_down: float
+
+
+@dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""
 
@@ -112,6 +136,7 @@ class Analyses:
     frf: FrfRequest | None = None
     map: MapRequest | None = None
     contouring: ContouringRequest | None = None
+    path: PathRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -184,6 +209,7 @@ class Scene:
         machine: The machine in SI units.
         poses: By name, at least one: ``reference`` with every axis at zero when the scene names none.
         analyses: What is to be computed.
+        on_request: What is computed only when it is named.
         effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
         compare: Which of them are held side by side.
@@ -213,11 +239,20 @@ class Scene:
     mechanism: SceneMechanism | None = None
     modal_damping: tuple[float, ...] = ()
     compare: CompareSettings = field(default_factory=CompareSettings)
+    on_request: Analyses = field(default_factory=Analyses)
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
-    """The scene with only the named ones of its analyses."""
-    kept = {
-        item.name: getattr(scene.analyses, item.name) if item.name in names else None for item in dataclasses.fields(scene.analyses)
-    }
+    """The scene with only the named ones of its analyses, those on request among them."""
+    kept = {name: request for name, request in list_analyses(scene).items() if name in names}
     return dataclasses.replace(scene, analyses=Analyses(**kept))
+
+
+def list_analyses(scene: Scene) -> dict[str, Any]:
+    """Every analysis of a scene by name, on request or not."""
+    return {
+        item.name: request
+        for item in dataclasses.fields(Analyses)
+        for request in (getattr(scene.analyses, item.name) or getattr(scene.on_request, item.name),)
+        if request is not None
+    }

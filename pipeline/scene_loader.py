@@ -1,5 +1,6 @@
 """Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_contouring, build_map, build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
+from headstock.pipeline.path_checks import build_path, check_path, check_path_carriages
 from headstock.pipeline.rail_checks import check_carriages
-from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, PathRequest, Scene, StaticRequest
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene
@@ -20,7 +22,9 @@ from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
 from headstock.pipeline.study_builder import build_study
 from headstock.pipeline.sweep_builder import build_sweep, check_sweeps
+from headstock.solvers.path_figures import LowPass
 from headstock.solvers.second_order import Port
+from headstock.solvers.set_points import Ramp, SetPoint
 
 DEFAULT_MODES = 6
 
@@ -53,11 +57,13 @@ def load_scene(
         check_physics(table, path.parent, findings, complete=complete)
         check_mechanism(table, path.parent, findings, complete=complete)
         check_sweeps(table, findings)
+        check_path(table, findings)
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
     scene = _build_scene(table, raw, path, findings.warnings, variant)
     check_carriages(scene.machine, scene.poses, findings)
+    check_path_carriages(scene, findings)
     findings.raise_if_any()
     return scene
 
@@ -65,12 +71,14 @@ def load_scene(
 def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: list[str], variant: str | None) -> Scene:
     name = table.name or path.stem
     poses = build_poses(table)
+    analyses, on_request = _split_requests(table, _build_analyses(table, tuple(poses), path.parent))
     return Scene(
         name=name,
         path=path,
         machine=build_machine(table, name, path.parent),
         poses=poses,
-        analyses=_build_analyses(table, tuple(poses), path.parent),
+        analyses=analyses,
+        on_request=on_request,
         effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
         variants=tuple(table.variants),
         raw=raw,
@@ -96,7 +104,17 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
         modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
     contouring = build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False)))
-    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table), contouring)
+    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table), contouring, _build_path(table))
+
+
+def _split_requests(table: SceneTable, analyses: Analyses) -> tuple[Analyses, Analyses]:
+    """What is always run, and what only when it is named."""
+    named = {name for name, request in table.analyses if request is not None and request.on_request}
+    found = {field.name: getattr(analyses, field.name) for field in dataclasses.fields(Analyses)}
+    return (
+        Analyses(**{name: request for name, request in found.items() if name not in named}),
+        Analyses(**{name: request for name, request in found.items() if name in named}),
+    )
 
 
 def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
@@ -114,6 +132,22 @@ def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
         adaptive=frf.adaptive,
         motion=frf.motion,
         poses=tuple(frf.poses or poses),
+    )
+
+
+def _build_path(table: SceneTable) -> PathRequest | None:
+    path = table.analyses.path
+    if path is None:
+        return None
+    line = build_path(table, path)
+    ramp = Ramp(path.ramp, path.time_constant, path.jerk_time or 0.0)
+    return PathRequest(
+        path=line,
+        moves=tuple(SetPoint(line.length, feed, ramp) for feed in path.feeds),
+        outputs=_expand_ports(path.outputs or [(name, "") for name in table.points]),
+        sampling_hz=path.sampling,
+        low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
+        ring_down=path.ring_down,
     )
 
 

@@ -159,7 +159,21 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
     _check_poses("frf", frf.poses if frf else None, names, findings)
     _check_poses("static", static.poses if static else None, names, findings)
     _check_poses("modal", modal.poses if modal else None, names, findings)
+    _check_path(scene, names, findings)
     _check_compare(scene, names, findings)
+
+
+def _check_path(scene: SceneTable, names: SceneNames, findings: Findings) -> None:
+    path = scene.analyses.path
+    if path is None:
+        return
+    for index, (name, _) in enumerate(path.outputs or ()):
+        _check_port(("analyses", "path", "outputs", index), name, names, findings)
+    for end, stops in (("from", path.start), ("to", path.to)):
+        for axis in stops:
+            _check_name(("analyses", "path", end, axis), axis, "axes", names, findings, "axis")
+    if path.pose is not None:
+        _check_name(("analyses", "path", "pose"), path.pose, "poses", names, findings)
 
 
 def _check_compare(scene: SceneTable, names: SceneNames, findings: Findings) -> None:

@@ -9,6 +9,7 @@ from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTab
 from headstock.pipeline.schema_contouring import ContouringTable
 from headstock.pipeline.schema_frequency import FrfTable
 from headstock.pipeline.schema_mechanism import MechanismTable
+from headstock.pipeline.schema_path import PathTable
 from headstock.pipeline.schema_studies import StudyTable
 from headstock.pipeline.schema_sweeps import SweepTable
 from headstock.pipeline.schema_types import (
@@ -20,20 +21,21 @@ from headstock.pipeline.schema_types import (
     PositiveFrequency,
     PositiveMemory,
     PositiveTime,
+    RequestTable,
     StrictTable,
     Text,
     problem,
 )
 
 
-class StaticTable(StrictTable):
+class StaticTable(RequestTable):
     """Compliance at points; without `at` at every point."""
 
     at: Names | None = None
     poses: Names | None = None
 
 
-class ModalTable(StrictTable):
+class ModalTable(RequestTable):
     """Natural frequencies and modes; six of them unless `count` or `up_to` is given."""
 
     count: Count | None = None
@@ -47,7 +49,7 @@ class ModalTable(StrictTable):
         return self
 
 
-class MapTable(StrictTable):
+class MapTable(RequestTable):
     """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two axes."""
 
     sweep: Text
@@ -62,6 +64,7 @@ class AnalysesTable(StrictTable):
     frf: FrfTable | None = None
     map: MapTable | None = None
     contouring: ContouringTable | None = None
+    path: PathTable | None = None
 
     @field_validator("*", mode="before")
     @classmethod

@@ -14,6 +14,7 @@ from headstock.pipeline.schema_types import (
     PositiveLength,
     PositiveSpeed,
     PositiveTime,
+    RequestTable,
     StrictTable,
     Text,
 )
@@ -28,7 +29,7 @@ class MillTable(StrictTable):
     runout: NotNegativeLength = 0.0
 
 
-class ContouringTable(StrictTable):
+class ContouringTable(RequestTable):
     """A square block milled around from outside, clockwise seen from above (climb milling), on a lumped mechanism."""
 
     side: PositiveLength

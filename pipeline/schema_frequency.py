@@ -11,14 +11,14 @@ from headstock.pipeline.schema_types import (
     Names,
     PortName,
     PositiveFrequency,
-    StrictTable,
+    RequestTable,
     problem,
 )
 
 Ports = Annotated[list[PortName], Field(min_length=1, max_length=100)]
 
 
-class FrfTable(StrictTable):
+class FrfTable(RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     inputs: Ports | None = None

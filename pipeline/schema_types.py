@@ -170,6 +170,12 @@ def _read_port(value: object) -> tuple[str, str]:
     return value[0], value[1]
 
 
+class RequestTable(StrictTable):
+    """An analysis, which can be kept for when it is asked for."""
+
+    on_request: Flag = False
+
+
 # a point or component.interface, and a direction; empty for x, y and z
 PortName = Annotated[
     tuple[str, str],

@@ -8,7 +8,21 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
 
 StageKind = Literal[
-    "mesh", "reduce", "rigid", "segment", "load", "couple", "static", "recover", "modal", "frf", "place", "map", "contour", "write"
+    "mesh",
+    "reduce",
+    "rigid",
+    "segment",
+    "load",
+    "couple",
+    "static",
+    "recover",
+    "modal",
+    "frf",
+    "path",
+    "place",
+    "map",
+    "contour",
+    "write",
 ]
 
 
@@ -21,7 +35,8 @@ class Stage:
             into a row of rigid bodies, ``load`` an imported
             superelement, ``couple`` the machine in a pose, ``place`` a lumped
             mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static`` analysis, ``recover`` the
-            response at probes, ``modal`` analysis, ``frf`` frequency response, ``write`` the results.
+            response at probes, ``modal`` analysis, ``frf`` frequency response, deviation from a
+            ``path``, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

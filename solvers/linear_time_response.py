@@ -82,6 +82,37 @@ def solve_time_response(
     return TimeResponse(np.asarray(step * np.arange(len(loads)), dtype=float), outputs + loads @ space.d.T, state)
 
 
+def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
+    """Response from rest to loads that are linear within each step and may jump between steps.
+
+    Args:
+        space: From ``to_state_space``.
+        times: ``(n,)`` rising, of any spacing [s].
+        loads: ``(n - 1, 2, n_inputs)`` at the beginning and the end of each step.
+
+    Returns:
+        Motions at the times; where a load jumps and acts on an output at once, that after the jump.
+
+    Raises:
+        ModelError: The times do not rise, or a load is not finite.
+    """
+    if not np.isfinite(loads).all():
+        raise ModelError("a load is not finite")
+    steps = np.diff(times)
+    # steps that differ by roundoff of the times are one step
+    sizes, which = np.unique(np.round(steps / steps.max(), 9), return_inverse=True)
+    propagators = [make_propagator(space, float(steps[which == number].mean())) for number in range(len(sizes))]
+    state = np.zeros(len(space.a))
+    outputs = np.empty((len(times), len(space.c)))
+    outputs[0] = space.c @ state
+    for number, kind in enumerate(which):
+        propagator = propagators[kind]
+        state = propagator.advance(state) + propagator.start @ loads[number, 0] + propagator.end @ loads[number, 1]
+        outputs[number + 1] = space.c @ state
+    direct = np.concatenate([loads[:, 0], loads[-1:, 1]]) @ space.d.T
+    return TimeResponse(np.asarray(times, dtype=float), outputs + direct, state)
+
+
 def make_propagator(space: StateSpace, step: float) -> Propagator:
     """The exact step of a system.
 

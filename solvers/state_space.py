@@ -91,10 +91,11 @@ def to_state_space(
         raise ModelError("a damper acts on a dof without mass, which has no place in a state space; give every body a mass")
     if up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, up_to_hz))
-    return _modal(coordinates, tuple(inputs), tuple(outputs))
+    return modal_state_space(coordinates, tuple(inputs), tuple(outputs))
 
 
-def _modal(coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
+def modal_state_space(coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
+    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is ``p'``."""
     squares, count = coordinates.squares, len(coordinates.squares)
     lowest = float(np.sqrt(squares[squares > 0.0].min(initial=np.inf)))
     scales = np.where(squares > 0.0, np.sqrt(squares), lowest if np.isfinite(lowest) else 1.0)

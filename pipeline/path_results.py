@@ -1,0 +1,143 @@
+"""Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.frf_results import split_port
+from headstock.solvers.path_figures import ZoneFigures
+from headstock.solvers.path_response import PathDeviation
+from headstock.solvers.second_order import Port
+from headstock.solvers.system_ports import name_port
+
+Json = dict[str, Any]
+ZONES = ("accelerating", "decelerating")
+_PARTS = ("total", "quasi_static", "sway", "dynamic")
+
+
+@dataclass(frozen=True, eq=False)
+class PathCurves:
+    """What is tabled and drawn of a move at one feed.
+
+    Attributes:
+        feed: [m/s].
+        zones: Beginning and end of both ramps [s].
+        outputs: Where the deviation is.
+        deviation: Sampled, as filtered.
+        positions: ``(n,)`` set point along the path [m].
+        accelerations: ``(n,)`` of the set point [m/s^2].
+    """
+
+    feed: float
+    zones: tuple[tuple[float, float], tuple[float, float]]
+    outputs: tuple[Port, ...]
+    deviation: PathDeviation
+    positions: FloatArray
+    accelerations: FloatArray
+
+    @property
+    def name(self) -> str:
+        """``3000 mm/min``."""
+        return f"{6e4 * self.feed:g} mm/min"
+
+
+@dataclass(frozen=True, eq=False)
+class PathRun:
+    """A move at one feed.
+
+    Attributes:
+        curves: What is tabled and drawn.
+        figures: Of every output, in both zones.
+    """
+
+    curves: PathCurves
+    figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PathResult:
+    """A path analysis.
+
+    Attributes:
+        start: Axis positions where it begins [m].
+        end: Axis positions where it ends [m].
+        length: Of the way [m].
+        ramp: How the feed is reached.
+        time_constant: [s].
+        sampling_hz: Samples a second.
+        lowpass_hz: Of the filter; None without one.
+        filter: Its kind.
+        damped: Any damping is on.
+        slow_hz: Modes below sway.
+        slow_count: How many these are.
+        runs: One per feed.
+    """
+
+    start: dict[str, float]
+    end: dict[str, float]
+    length: float
+    ramp: str
+    time_constant: float
+    sampling_hz: float
+    lowpass_hz: float | None
+    filter: str
+    damped: bool
+    slow_hz: float
+    slow_count: int
+    runs: tuple[PathRun, ...]
+
+
+def summarise_path(found: PathResult) -> Json:
+    """The entry in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+    summary = {field.name: getattr(found, field.name) for field in dataclasses.fields(found) if field.name != "runs"}
+    return summary | {"feeds": [_summarise_run(run) for run in found.runs]}
+
+
+def _summarise_run(run: PathRun) -> Json:
+    return {
+        "name": run.curves.name,
+        "feed_mm_per_min": 6e4 * run.curves.feed,
+        "acceleration": float(np.abs(run.curves.accelerations).max()),
+        "outputs": [
+            {"port": list(port), **{name: _summarise_zone(port, zone) for name, zone in zip(ZONES, zones, strict=True)}}
+            for port, zones in zip(run.curves.outputs, run.figures, strict=True)
+        ],
+    }
+
+
+def deviation_unit(port: Port) -> tuple[str, float]:
+    """Unit in which a deviation is shown, and the factor from SI to it."""
+    return ("urad" if port[1].startswith("r") else "um"), 1e6
+
+
+def _summarise_zone(port: Port, zone: ZoneFigures) -> Json:
+    unit, factor = deviation_unit(port)
+    times = {"begin_s": zone.begin, "ramp_end_s": zone.ramp_end, "end_s": zone.end, "peak_s": zone.peak_time}
+    sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
+    return times | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes} | {"settling_s": zone.settling}
+
+
+def fill_path(group: h5py.Group, curves: PathCurves) -> None:
+    """Write the curves of one feed, in SI."""
+    group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
+    group["outputs"] = np.char.encode(np.array([name_port(port) for port in curves.outputs]), "utf-8")
+    group["times"], group["positions"], group["accelerations"] = curves.deviation.times, curves.positions, curves.accelerations
+    for name in _PARTS:
+        group[name] = getattr(curves.deviation, name)
+
+
+def parse_path(group: h5py.Group) -> PathCurves:
+    """Read what ``fill_path`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    first, second = ((float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float))
+    deviation = PathDeviation(group["times"][:], *(group[name][:] for name in _PARTS))
+    ports = tuple(split_port(text.decode()) for text in group["outputs"][:])
+    feed = float(group.attrs["feed"])
+    return PathCurves(feed, (first, second), ports, deviation, group["positions"][:], group["accelerations"][:])

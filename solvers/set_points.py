@@ -1,0 +1,179 @@
+"""Set points of a straight move: from rest to a feed and back to rest, along a path of given length.
+
+A control without look-ahead filters the interpolated feed after the fact: one moving average over the time constant makes linear
+ramps (constant acceleration), a second one limits the jerk, a first-order lag makes exponential ramps.
+Source: Koren (1983), Computer Control of Manufacturing Systems, chapter 5.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+
+RampKind = Literal["linear", "s_curve", "exponential"]
+LAG_REACH = 5.0  # time constants after which an exponential ramp counts as ended: 0.7 % of the feed are left
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """How the feed is reached and left.
+
+    Attributes:
+        kind: ``linear``: constant acceleration; ``s_curve``: its jerk limited too; ``exponential``: a first-order lag.
+        time_constant: Feed over acceleration, or the lag [s].
+        jerk_time: Acceleration over jerk, of an S-curve [s]; at most the time constant.
+    """
+
+    kind: RampKind
+    time_constant: float
+    jerk_time: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """How long a ramp lasts [s]."""
+        if self.kind == "exponential":
+            return LAG_REACH * self.time_constant
+        return self.time_constant + (self.jerk_time if self.kind == "s_curve" else 0.0)
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """A move.
+
+    Attributes:
+        distance: Length of the way [m].
+        feed: Speed along it [m/s].
+        ramp: At both ends.
+    """
+
+    distance: float
+    feed: float
+    ramp: Ramp
+
+    @property
+    def braking(self) -> float:
+        """When the second ramp begins [s]."""
+        return self.distance / self.feed
+
+    @property
+    def duration(self) -> float:
+        """When it is over [s]."""
+        return self.braking + self.ramp.duration
+
+    @property
+    def zones(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Beginning and end of both ramps [s]."""
+        return (0.0, self.ramp.duration), (self.braking, self.duration)
+
+
+@dataclass(frozen=True, eq=False)
+class PathMotion:
+    """A move at instants.
+
+    Attributes:
+        positions: ``(n,)`` [m].
+        speeds: ``(n,)`` [m/s].
+        accelerations: ``(n,)`` [m/s^2]; where it jumps, that after the jump.
+    """
+
+    positions: FloatArray
+    speeds: FloatArray
+    accelerations: FloatArray
+
+
+def plan_move(distance: float, feed: float, ramp: Ramp) -> SetPoint:
+    """The move over a distance.
+
+    Raises:
+        ModelError: The feed is never reached.
+    """
+    move = SetPoint(distance, feed, ramp)
+    fault = find_move_fault(move)
+    if fault:
+        raise ModelError(fault)
+    return move
+
+
+def find_move_fault(move: SetPoint) -> str:
+    """Why a move is too short for its feed; empty where it is not."""
+    if move.braking >= move.ramp.duration * (1.0 - 1e-12):
+        return ""
+    least, fastest = move.feed * move.ramp.duration, move.distance / move.ramp.duration
+    return (
+        f"a move of {1e3 * move.distance:g} mm never reaches {6e4 * move.feed:g} mm/min: its ramp takes "
+        f"{1e3 * move.ramp.duration:g} ms; make it at least {1e3 * least:g} mm long, or the feed at most {6e4 * fastest:g} mm/min"
+    )
+
+
+def list_breaks(move: SetPoint) -> FloatArray:
+    """Instants ``(b,)`` at which the acceleration, or its slope, jumps [s]."""
+    if move.ramp.kind == "exponential":
+        return np.array([0.0, move.braking])
+    return _acceleration_pieces(move)[0]
+
+
+def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
+    """Position, speed and acceleration at instants [s]; at rest before and after."""
+    if move.ramp.kind == "exponential":
+        return _sample_lag(move, np.asarray(times, dtype=float))
+    position = _position(move)
+    inside = np.clip(times, 0.0, move.duration)
+    moving = (np.asarray(times) >= 0.0) & (np.asarray(times) < move.duration)
+    return PathMotion(
+        positions=np.asarray(position(inside)),
+        speeds=np.where(moving, position.derivative(1)(inside), 0.0),
+        accelerations=np.where(moving, position.derivative(2)(inside), 0.0),
+    )
+
+
+def step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
+    """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside it.
+
+    No step may reach over a break. Within a step it is linear, but for exponential ramps, where the secant is taken.
+    """
+    times = np.asarray(times, dtype=float)
+    inner = 1e-6 * np.diff(times)
+    after = sample_move(move, times[:-1] + inner).accelerations
+    before = sample_move(move, times[1:] - inner).accelerations
+    # linear inside a step: what lies a millionth inside says what lies at its ends
+    slope = (before - after) * (1e-6 / (1.0 - 2e-6))
+    return np.column_stack([after - slope, before + slope])
+
+
+def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Breaks ``(b,)``, and acceleration at the beginning and the end of each piece ``(b - 1,)``."""
+    ramp = move.ramp
+    top = move.feed / ramp.time_constant
+    if ramp.kind == "s_curve" and ramp.jerk_time > 0.0:
+        edges = np.array([0.0, ramp.jerk_time, ramp.time_constant, ramp.duration])
+        first, last = np.array([0.0, top, top]), np.array([top, top, 0.0])
+    else:
+        edges, first, last = np.array([0.0, ramp.time_constant]), np.array([top]), np.array([top])
+    breaks = np.concatenate([edges, move.braking + edges])
+    first, last = (np.concatenate([part, [0.0], -part]) for part in (first, last))
+    kept = np.diff(breaks) > 1e-12 * move.duration
+    return np.append(breaks[:-1][kept], breaks[-1]), first[kept], last[kept]
+
+
+def _position(move: SetPoint) -> PPoly:
+    breaks, first, last = _acceleration_pieces(move)
+    spans = np.diff(breaks)
+    cubic, square = (last - first) / (6.0 * spans), 0.5 * first
+    speeds = np.concatenate([[0.0], np.cumsum(0.5 * (first + last) * spans)])[:-1]
+    ways = speeds * spans + square * spans**2 + cubic * spans**3
+    return PPoly(np.array([cubic, square, speeds, np.concatenate([[0.0], np.cumsum(ways)])[:-1]]), breaks)
+
+
+def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
+    lag, feed = move.ramp.time_constant, move.feed
+    parts = []
+    for begin in (0.0, move.braking):
+        since = np.maximum(times - begin, 0.0)
+        rest = np.exp(-since / lag)
+        parts.append((feed * (since - lag * (1.0 - rest)), feed * (1.0 - rest), np.where(times >= begin, feed / lag * rest, 0.0)))
+    positions, speeds, accelerations = (first - second for first, second in zip(*parts, strict=True))
+    return PathMotion(positions, speeds, accelerations)
