@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from headstock.app.control_tables import list_control
 from headstock.app.error_texts import print_error_shares, show_error, show_frequency
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
@@ -87,6 +88,9 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
     if "path" in summary:
         print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
+    for pose, control in summary.get("control", {}).items():
+        for title, headings, rows in list_control(pose, control):
+            _print_rows(console, title, headings, rows)
     _print_warnings(console, summary["warnings"])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)
@@ -196,6 +200,13 @@ def print_table(console: Console, title: str, table: Table) -> None:
     """Print a table under a bold title."""
     console.print(title, style="bold", markup=False)
     console.print(table)
+
+
+def _print_rows(console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    table = make_table(*headings)
+    for row in rows:
+        add_row(table, *row)
+    print_table(console, title, table)
 
 
 def _top_shares(shares: dict[str, float]) -> str:

@@ -4,7 +4,9 @@ from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.units import ACCELERATION, RATIO, UnitError, parse_quantity, show_value
 
 # on or off, without a value
-PLAIN_EFFECTS = ("coriolis", "cutting_force", "regeneration")
+CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
+DRIVE_EFFECTS = ("drive_control", "friction", "screw_inertia")
+PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS)
 EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
 

@@ -7,7 +7,7 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
 from headstock.geometry.mechanisms import Mechanism
 from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT, solve_pose
-from headstock.pipeline.effects import PLAIN_EFFECTS
+from headstock.pipeline.effects import CONTOUR_EFFECTS
 from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import resolve_file
@@ -117,7 +117,7 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
 def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
     table = scene.analyses.contouring
     if scene.mechanism is None:
-        for name in set(PLAIN_EFFECTS) & {name for name, value in scene.effects.items() if value}:
+        for name in set(CONTOUR_EFFECTS) & {name for name, value in scene.effects.items() if value}:
             findings.add(("effects", name), "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it")
     if table is None:
         return

@@ -26,7 +26,17 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.scene import Analyses, ContouringRequest, FrfRequest, Limits, MapRequest, ModalRequest, PathRequest, Scene
+from headstock.pipeline.scene import (
+    Analyses,
+    ContouringRequest,
+    ControlRequest,
+    FrfRequest,
+    Limits,
+    MapRequest,
+    ModalRequest,
+    PathRequest,
+    Scene,
+)
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -103,7 +113,7 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
 
 def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
-    return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path))
+    return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path, analyses.control))
 
 
 def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
@@ -116,13 +126,15 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
     if analyses.path is not None:
         low_pass = analyses.path.low_pass
         found["path analysis"] = (0.5 * analyses.path.sampling_hz if low_pass is None else low_pass.frequency_hz, MODE_MARGIN)
+    if analyses.control is not None:
+        found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
     return found
 
 
 def choose_poses(scene: Scene) -> dict[str, Pose]:
     """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show that the machine couples."""
     analyses = scene.analyses
-    requests = [request for request in (analyses.static, analyses.modal, analyses.frf) if request is not None]
+    requests = [request for request in (analyses.static, analyses.modal, analyses.frf, analyses.control) if request is not None]
     asked = {name: pose for name, pose in scene.poses.items() if any(_is_asked(name, request.poses) for request in requests)}
     if asked:
         return asked
@@ -182,6 +194,9 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     frf = scene.analyses.frf
     if frf is not None and _is_asked(pose.name, frf.poses):
         stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
+    control = scene.analyses.control
+    if control is not None and _is_asked(pose.name, control.poses):
+        stages.append(Stage("control", None, _describe_control(control, tuple(scene.drives)), pose=pose.name))
     return stages
 
 
@@ -207,6 +222,10 @@ def _describe_frf(frf: FrfRequest) -> str:
 def _describe_path(request: PathRequest) -> str:
     feeds = " and ".join(f"{6e4 * move.feed:g}" for move in request.moves)
     return f"{', '.join(request.path.axes)} moves {1e3 * request.path.length:g} mm at {feeds} mm/min, sampled at {request.sampling_hz:g} Hz"
+
+
+def _describe_control(control: ControlRequest, drives: tuple[str, ...]) -> str:
+    return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {control.up_to_hz:g} Hz"
 
 
 def _describe_modal(modal: ModalRequest) -> str:

@@ -142,6 +142,7 @@ class Results:
         warnings: In plain words.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
+        control: Pose name to closed-loop poles and figures of the drives, as in the summary.
         contouring: Tool gap around a milled block, as in the summary.
         path: Deviation from a path while axes accelerate.
         map: Frequencies, stiffness and condition number over a plane of poses, as in the summary.
@@ -166,6 +167,7 @@ class Results:
     map: Json | None = None
     contouring: Json | None = None
     path: PathResult | None = None
+    control: dict[str, Json] = field(default_factory=dict)
     responses: tuple[PoseResponse, ...] = ()
 
 
@@ -201,6 +203,8 @@ def summarise(results: Results) -> Json:
         summary["contouring"] = results.contouring
     if results.path is not None:
         summary["path"] = summarise_path(results.path)
+    if results.control:
+        summary["control"] = results.control
     if results.map is not None:
         summary["map"] = results.map
     if results.mechanism:

@@ -18,6 +18,7 @@ from headstock.pipeline.component_stages import (
 )
 from headstock.pipeline.content_keys import library_versions
 from headstock.pipeline.contouring_stage import run_contour_stage
+from headstock.pipeline.control_stage import run_control_stage
 from headstock.pipeline.frf_stages import run_frf_stage
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
@@ -59,6 +60,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "contour": run_contour_stage,
     "frf": run_frf_stage,
     "path": run_path_stage,
+    "control": run_control_stage,
 }
 # what differs once a lumped mechanism has been placed
 LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage, "frf": run_lumped_frf_stage}
@@ -132,6 +134,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         map=state.map,
         contouring=state.contouring,
         path=state.path,
+        control=dict(state.control),
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),

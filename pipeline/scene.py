@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from headstock.geometry.components import Fidelity
+from headstock.geometry.drives import Drive
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine_paths import MachinePath
 from headstock.geometry.machines import Machine, Pose
@@ -128,6 +129,15 @@ class PathRequest:
 
 
 @dataclass(frozen=True)
+class ControlRequest:
+    """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named poses."""
+
+    up_to_hz: float
+    speed: float
+    poses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""
 
@@ -137,6 +147,7 @@ class Analyses:
     map: MapRequest | None = None
     contouring: ContouringRequest | None = None
     path: PathRequest | None = None
+    control: ControlRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -220,6 +231,7 @@ class Scene:
         studies: What may be varied, by name.
         sweeps: Poses in which the analyses may be repeated, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
+        drives: By name; empty unless the effect drive_control is on.
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
     """
 
@@ -240,6 +252,7 @@ class Scene:
     modal_damping: tuple[float, ...] = ()
     compare: CompareSettings = field(default_factory=CompareSettings)
     on_request: Analyses = field(default_factory=Analyses)
+    drives: dict[str, Drive] = field(default_factory=dict)
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:

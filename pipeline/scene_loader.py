@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.drive_builder import build_control, build_drives
+from headstock.pipeline.drive_checks import check_drives
 from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_contouring, build_map, build_mechanism
@@ -55,6 +57,8 @@ def load_scene(
         complete = not findings.problems
         check_references(table, raw, findings)
         check_physics(table, path.parent, findings, complete=complete)
+        if complete:
+            check_drives(table, findings)
         check_mechanism(table, path.parent, findings, complete=complete)
         check_sweeps(table, findings)
         check_path(table, findings)
@@ -91,6 +95,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         compare=CompareSettings(
             tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference
         ),
+        drives=build_drives(table),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
     )
 
@@ -104,7 +109,15 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
         modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
     contouring = build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False)))
-    return Analyses(static_request, modal_request, _build_frf(table, poses), build_map(table), contouring, _build_path(table))
+    return Analyses(
+        static=static_request,
+        modal=modal_request,
+        frf=_build_frf(table, poses),
+        map=build_map(table),
+        contouring=contouring,
+        path=_build_path(table),
+        control=build_control(table, poses),
+    )
 
 
 def _split_requests(table: SceneTable, analyses: Analyses) -> tuple[Analyses, Analyses]:

@@ -145,8 +145,6 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
             _check_name(("sweeps", name, "axes", axis), axis, "axes", names, findings, "axis")
         for place, axis, _ in sweep.quantities() if sweep.axes is None else ():
             _check_name(("sweeps", name, *place), axis, "axes", names, findings, "axis")
-    for axis in scene.drives:
-        _check_name(("drives", axis), axis, "axes", names, findings, "axis")
     for name, study in scene.studies.items():
         _check_study(name, study, scene, raw, findings)
     static, modal = scene.analyses.static, scene.analyses.modal
@@ -158,6 +156,8 @@ def _check_requests(scene: SceneTable, names: SceneNames, raw: Mapping[str, Any]
             _check_port(("analyses", "frf", key, index), name, names, findings)
     _check_poses("frf", frf.poses if frf else None, names, findings)
     _check_poses("static", static.poses if static else None, names, findings)
+    control = scene.analyses.control
+    _check_poses("control", control.poses if control else None, names, findings)
     _check_poses("modal", modal.poses if modal else None, names, findings)
     _check_path(scene, names, findings)
     _check_compare(scene, names, findings)

@@ -7,6 +7,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
 from headstock.pipeline.schema_contouring import ContouringTable
+from headstock.pipeline.schema_drives import ControlTable, DriveTable
 from headstock.pipeline.schema_frequency import FrfTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.schema_path import PathTable
@@ -65,6 +66,7 @@ class AnalysesTable(StrictTable):
     map: MapTable | None = None
     contouring: ContouringTable | None = None
     path: PathTable | None = None
+    control: ControlTable | None = None
 
     @field_validator("*", mode="before")
     @classmethod
@@ -114,7 +116,7 @@ class SceneTable(StrictTable):
     poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
     sweeps: dict[Name, SweepTable] = {}
     studies: dict[Name, StudyTable] = {}
-    drives: dict[Name, dict[str, Any]] = {}
+    drives: dict[Name, DriveTable] = {}
     effects: Effects = {}
     analyses: AnalysesTable = AnalysesTable()
     orientation: OrientationTable = OrientationTable()

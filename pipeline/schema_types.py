@@ -32,7 +32,9 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
-def _read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
+def read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
+    """A validator that reads a quantity of one of some dimensions."""
+
     def read(value: object) -> Quantity:
         if isinstance(value, Quantity):
             return value
@@ -45,11 +47,12 @@ def _read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
 
 
 def _read_float(dimension: Dimension) -> Callable[[object], float]:
-    read = _read_quantity(dimension)
+    read = read_quantity(dimension)
     return lambda value: read(value).value
 
 
-def _describe(*dimensions: Dimension) -> WithJsonSchema:
+def describe_quantity(*dimensions: Dimension) -> WithJsonSchema:
+    """How such a quantity stands in the JSON schema."""
     names = " or ".join(dimension.name for dimension in dimensions)
     return WithJsonSchema(
         {"type": "string", "description": f"{names} with a unit", "examples": [dimension.example for dimension in dimensions]}
@@ -68,47 +71,52 @@ def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
 _POSITIVE = _require(lambda value: value > 0.0, "must be above zero")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
 
-Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _describe(units.LENGTH)]
-PositiveLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, _describe(units.LENGTH)]
-NotNegativeLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, _describe(units.LENGTH)]
-Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), _describe(units.ANGLE)]
-Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _describe(units.PRESSURE)]
-PositivePressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, _describe(units.PRESSURE)]
-PositiveDensity = Annotated[float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, _describe(units.DENSITY)]
-PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, _describe(units.MASS)]
-PositiveFrequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, _describe(units.FREQUENCY)]
-Frequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, _describe(units.FREQUENCY)]
-PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, _describe(units.TIME)]
-PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, _describe(units.MEMORY)]
-PositiveForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, _describe(units.FORCE)]
-PositiveStiffness = Annotated[float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, _describe(units.STIFFNESS)]
+Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)]
+PositiveLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, describe_quantity(units.LENGTH)]
+NotNegativeLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, describe_quantity(units.LENGTH)]
+Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), describe_quantity(units.ANGLE)]
+Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)]
+PositivePressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, describe_quantity(units.PRESSURE)]
+PositiveDensity = Annotated[float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, describe_quantity(units.DENSITY)]
+PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, describe_quantity(units.MASS)]
+PositiveFrequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, describe_quantity(units.FREQUENCY)]
+Frequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, describe_quantity(units.FREQUENCY)]
+PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, describe_quantity(units.TIME)]
+PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, describe_quantity(units.MEMORY)]
+PositiveForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, describe_quantity(units.FORCE)]
+PositiveStiffness = Annotated[float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, describe_quantity(units.STIFFNESS)]
 PositiveRotationalStiffness = Annotated[
-    float, BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)), _POSITIVE, _describe(units.ROTATIONAL_STIFFNESS)
+    float, BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)), _POSITIVE, describe_quantity(units.ROTATIONAL_STIFFNESS)
 ]
-Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _describe(units.FORCE)]
-PositiveSpeed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, _describe(units.SPEED)]
+Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
+PositiveSpeed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, describe_quantity(units.SPEED)]
 PositiveAngularSpeed = Annotated[
-    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, _describe(units.ANGULAR_SPEED)
+    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, describe_quantity(units.ANGULAR_SPEED)
 ]
-Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), _describe(units.MOMENT)]
-Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), _describe(units.ACCELERATION)]
-AxisPosition = Annotated[Quantity, BeforeValidator(_read_quantity(units.LENGTH, units.ANGLE)), _describe(units.LENGTH, units.ANGLE)]
+Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)]
+Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)]
+PositiveInertia = Annotated[float, BeforeValidator(_read_float(units.INERTIA)), _POSITIVE, describe_quantity(units.INERTIA)]
+PositiveRate = Annotated[float, BeforeValidator(_read_float(units.RATE)), _POSITIVE, describe_quantity(units.RATE)]
+NotNegativeForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _NOT_NEGATIVE, describe_quantity(units.FORCE)]
+AxisPosition = Annotated[
+    Quantity, BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)), describe_quantity(units.LENGTH, units.ANGLE)
+]
 
 
 def _read_joint_value(translation: Dimension, rotation: Dimension) -> Callable[[object], Quantity | str]:
-    read = _read_quantity(translation, rotation)
+    read = read_quantity(translation, rotation)
     return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
 
 
 JointStiffness = Annotated[
     Quantity | str,
     BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
-    _describe(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+    describe_quantity(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
 ]
 JointDamping = Annotated[
     Quantity,
-    BeforeValidator(_read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    _describe(units.DAMPING, units.ROTATIONAL_DAMPING),
+    BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
+    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
 ]
 
 
@@ -158,6 +166,8 @@ def read_share(value: object, what: str) -> float:
 
 _SHARE = WithJsonSchema({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"]})
 LossFactor = Annotated[float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE]
+
+NotNegativeShare = Annotated[float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE]
 
 
 def _read_port(value: object) -> tuple[str, str]:

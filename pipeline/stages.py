@@ -19,6 +19,7 @@ StageKind = Literal[
     "modal",
     "frf",
     "path",
+    "control",
     "place",
     "map",
     "contour",
@@ -35,8 +36,8 @@ class Stage:
             into a row of rigid bodies, ``load`` an imported
             superelement, ``couple`` the machine in a pose, ``place`` a lumped
             mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static`` analysis, ``recover`` the
-            response at probes, ``modal`` analysis, ``frf`` frequency response, deviation from a
-            ``path``, ``write`` the results.
+            response at probes, ``modal`` analysis, ``frf`` frequency response, ``control`` closed loops,
+            deviation from a ``path``, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

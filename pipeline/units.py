@@ -48,7 +48,7 @@ gibibyte = 1073741824 * byte = GiB
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,5})?)(?![\d.eE,_jJ])\s*(.*?)\s*", re.DOTALL)
 _FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
-_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
+_UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
 MAX_TEXT = 80
 
@@ -79,11 +79,13 @@ ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2")
 SPEED = Dimension("speed", "m/s", "3000 mm/min")
 ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm")
 COMPLIANCE = Dimension("compliance", "m/N", "151 um/kN")
+INERTIA = Dimension("moment of inertia", "kg m^2", "2e-3 kg m^2")
+RATE = Dimension("rate", "1/s", "50 1/s")
 MEMORY = Dimension("amount of memory", "B", "4 GB")
 RATIO = Dimension("ratio", "", "2 %")
 DIMENSIONS = (
     LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS, DAMPING,
-    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, MEMORY, RATIO,
+    ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,
 )  # fmt: skip
 
 

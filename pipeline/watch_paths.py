@@ -10,7 +10,7 @@ from typing import Any
 Step = str | int | slice
 # what a summary holds at its top, and what a study itself measures of a point
 RESULT_NAMES = (
-    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "path",
+    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "path",
     "warnings", "failures",
 )  # fmt: skip
 MEASURED_NAMES = ("seconds", "cpu_seconds")

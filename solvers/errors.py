@@ -17,3 +17,12 @@ class ModelError(HeadstockError):
 
 class CompileError(HeadstockError):
     """A form could not be compiled; says what the compiler said, and how much room there is for its files."""
+
+
+class UnstableControlError(ModelError):
+    """The control of an axis makes a motion grow; there is no time run to make of it."""
+
+    def __init__(self, message: str, *, axis: str, frequency_hz: float) -> None:
+        super().__init__(message)
+        self.axis = axis
+        self.frequency_hz = frequency_hz

@@ -1,0 +1,109 @@
+"""Checks of drives, of the effects that use them, and of what is asked of their control."""
+
+from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_connections import JointTable
+from headstock.pipeline.schema_drives import DriveTable
+from headstock.pipeline.toml_positions import KeyPath
+
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA = "drive_control", "friction", "screw_inertia"
+
+
+def check_drives(scene: SceneTable, findings: Findings) -> None:
+    """Report every drive that cannot be built, and every effect or analysis that lacks one."""
+    joints: dict[str, str] = {}
+    for name, table in scene.drives.items():
+        joint = _check_joint(name, table, scene, findings)
+        if joint in joints:
+            findings.add(("drives", name), f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them")
+        if joint is not None:
+            joints[joint] = name
+        if table.scale is not None and table.scale not in scene.points:
+            hint = suggest_names(table.scale, scene.points, what="points")
+            findings.add(("drives", name, "scale"), f"unknown point {table.scale[:80]!r}; {hint}")
+    _check_effects(scene, findings)
+    _check_analysis(scene, findings)
+
+
+def driven_axis(name: str, table: DriveTable) -> str:
+    """The axis of a drive: its own name unless it says another."""
+    return table.axis or name
+
+
+def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
+    """Ball screws of a drive's axis, or the one it names."""
+    axis = scene.axes.get(driven_axis(name, table))
+    known = [] if axis is None else [joint for joint in axis.joint_names() if joint in scene.joints]
+    screws = [joint for joint in known if scene.joints[joint].kind == "ball_screw"]
+    return screws if table.joint is None else [joint for joint in screws if joint == table.joint]
+
+
+def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
+    key: KeyPath = ("drives", name)
+    axis_name = driven_axis(name, table)
+    axis = scene.axes.get(axis_name)
+    if axis is None:
+        hint = suggest_names(axis_name, scene.axes, what="axes")
+        place = (*key, "axis") if table.axis is not None else key
+        findings.add(place, f"unknown axis {axis_name[:80]!r}; {hint}")
+        return None
+    if axis.kind != "linear":
+        findings.add(key, f"axis {axis_name} is rotary; a drive moves a linear axis through a ball screw")
+        return None
+    screws = find_screws(name, table, scene)
+    if len(screws) != 1:
+        named = f"joint {table.joint!r:.80} is no ball screw of axis {axis_name}" if table.joint else ""
+        text = named or f"axis {axis_name} has {'several ball screws' if screws else 'no ball screw'} among its joints"
+        others = find_screws(name, table.model_copy(update={"joint": None}), scene)
+        remedy = f"; write joint = {' or '.join(repr(other) for other in others)}" if others else '; add one of kind = "ball_screw"'
+        findings.add((*key, "joint") if table.joint else key, text + remedy)
+        return None
+    _check_screw(key, table, screws[0], scene.joints[screws[0]], findings)
+    return screws[0]
+
+
+def _check_screw(key: KeyPath, table: DriveTable, name: str, joint: JointTable, findings: Findings) -> None:
+    if joint.stiffness.get("axial") == "rigid":
+        findings.add(
+            ("joints", name, "stiffness", "axial"),
+            f'drive {key[1]} pushes through it, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
+        )
+    screw = joint.screw
+    given = None if screw is None else screw.lead
+    if given is None and table.lead is None:
+        findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
+    if given is not None and table.lead is not None:
+        findings.add((*key, "lead"), f"joint {name} gives the lead of its screw; remove it here")
+    if screw is not None and screw.coupling is not None and table.coupling is not None:
+        findings.add((*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here")
+
+
+def _check_effects(scene: SceneTable, findings: Findings) -> None:
+    wanted = {effect for effect, value in scene.effects.items() if value is not False}
+    if DRIVE_CONTROL in wanted and not scene.drives:
+        findings.add(("effects", DRIVE_CONTROL), "there is no drive to control; describe one in [drives.NAME]")
+    for effect, has in (
+        (SCREW_INERTIA, any(table.screw_inertia is not None for table in scene.drives.values())),
+        (FRICTION, any(table.friction is not None for table in scene.drives.values())),
+    ):
+        if effect not in wanted:
+            continue
+        if DRIVE_CONTROL not in wanted:
+            findings.add(("effects", effect), f"{effect} is part of moving drives; switch drive_control on too")
+        elif not has:
+            findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
+
+
+def _check_analysis(scene: SceneTable, findings: Findings) -> None:
+    request = scene.analyses.control
+    if request is None:
+        return
+    if scene.effects.get(DRIVE_CONTROL, False) is False:
+        findings.add(("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
+    for name, table in scene.drives.items():
+        if table.sampling is not None and 0.5 / table.sampling < request.up_to:
+            findings.add(
+                ("drives", name, "sampling"),
+                f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
+                f"[analyses.control] asks for {request.up_to:.4g} Hz; sample faster or lower up_to",
+            )
