@@ -17,7 +17,7 @@ from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_contour import draw_contour
 from headstock.app.report_frf import draw_response, has_more_fields
-from headstock.app.report_map import draw_map
+from headstock.app.report_map import draw_map, map_layers
 from headstock.app.report_notes import judge_numbers
 from headstock.app.report_path import draw_path
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
@@ -204,7 +204,7 @@ def report_environment() -> jinja2.Environment:
     environment.filters |= filters
     drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
-    drawing |= {"draw_map": draw_map, "draw_contour": draw_contour, "draw_path": draw_path}
+    drawing |= {"draw_map": draw_map, "map_layers": map_layers, "draw_contour": draw_contour, "draw_path": draw_path}
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

@@ -1,6 +1,7 @@
-"""Maps of the report: a coloured field per quantity as SVG, its cells one small embedded picture."""
+"""Maps of the report: a coloured field per quantity as SVG, its cells one small embedded picture; of a volume a few layers."""
 
 import base64
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -21,14 +22,31 @@ TITLES = {
 
 
 def map_values(found: Json, name: str) -> FloatArray:
-    """Values ``(n0, n1)`` of a quantity, NaN where there is none."""
-    return np.array([[np.nan if value is None else value for value in row] for row in found["quantities"][name]], dtype=float)
+    """Values ``(n0, n1)`` of a quantity, of a volume ``(n0, n1, n2)``, NaN where there is none."""
+    # None becomes NaN
+    return np.array(found["quantities"][name], dtype=float)
 
 
-def draw_map(found: Json, name: str) -> Markup:
-    """One quantity over the plane: first axis to the right, second upwards; grey where the pose cannot be taken."""
-    values = map_values(found, name)
-    known = values[np.isfinite(values)]
+def map_layers(found: Json) -> list[dict[str, Any]]:
+    """Planes to draw: the map itself, or the lowest, middle and highest layer of a volume; each with what it stands at."""
+    if len(found["axes"]) == 2:
+        return [{"place": None, "title": ""}]
+    levels = found["positions"][2]
+    places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
+    return [{"place": place, "title": f"{found['axes'][2]} = {levels[place]:.4g}"} for place in places]
+
+
+def draw_map(found: Json, name: str, layer: int | None = None) -> Markup:
+    """One quantity over a plane: first axis to the right, second upwards; grey where the pose cannot be taken.
+
+    Args:
+        found: The map of a summary.
+        name: Of the quantity.
+        layer: Place along the third axis of a volume; colours are those of the whole volume.
+    """
+    whole = map_values(found, name)
+    values = whole if layer is None else whole[:, :, layer]
+    known = whole[np.isfinite(whole)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     share = np.clip((values - low) / ((high - low) or 1.0), 0.0, 1.0)
     pixels = np.full((*values.shape, 4), [200, 200, 200, 255], dtype=np.uint8)
@@ -36,7 +54,7 @@ def draw_map(found: Json, name: str) -> Markup:
     channels = [np.interp(share[good], np.linspace(0.0, 1.0, len(STOPS)), STOPS[:, channel]) for channel in range(3)]
     pixels[good, :3] = np.round(np.stack(channels, axis=-1)).astype(np.uint8)
     picture = base64.b64encode(encode_png(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1]))).decode()
-    spans = [(float(positions[0]), float(positions[-1])) for positions in found["positions"]]
+    spans = [(float(positions[0]), float(positions[-1])) for positions in found["positions"][:2]]
     ratio = (spans[1][1] - spans[1][0]) / ((spans[0][1] - spans[0][0]) or 1.0)
     inside = WIDTH - LEFT - 8
     height = float(np.clip(inside * ratio, 60.0, 480.0))
@@ -54,8 +72,9 @@ def draw_map(found: Json, name: str) -> Markup:
         '<image x="{}" y="{}" width="{}" height="{:.1f}" preserveAspectRatio="none" style="image-rendering:pixelated"'
         ' href="data:image/png;base64,{}"/>'
     ).format(LEFT, TOP, inside, height, picture)
+    stem = name if layer is None else f"{name}_{layer}"
     return Markup('<svg id="map_{}" class="map" viewBox="0 0 {} {:.0f}" role="img" aria-label="{}">{}{}</svg>').format(
-        name, WIDTH, TOP + height + BOTTOM - 12, title, image, Markup("").join(words)
+        stem, WIDTH, TOP + height + BOTTOM - 12, title, image, Markup("").join(words)
     )
 
 

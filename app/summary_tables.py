@@ -3,6 +3,7 @@
 import csv
 import io
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from headstock.app.console import sort_shares
@@ -58,12 +59,13 @@ def _contour_table(series: Json) -> PlainTable:
 
 def _map_table(found: Json) -> PlainTable:
     names = list(found["quantities"])
-    rows = tuple(
-        (a, b, *(found["quantities"][name][i][j] for name in names))
-        for i, a in enumerate(found["positions"][0])
-        for j, b in enumerate(found["positions"][1])
-    )
+    flat = [_flatten(found["quantities"][name], len(found["axes"])) for name in names]
+    rows = tuple((*place, *values) for place, *values in zip(product(*found["positions"]), *flat, strict=True))
     return PlainTable("map", (*found["axes"], *names), rows)
+
+
+def _flatten(values: list[Any], depth: int) -> list[Any]:
+    return values if depth == 1 else [value for row in values for value in _flatten(row, depth - 1)]
 
 
 def encode_csv(table: PlainTable) -> bytes:

@@ -48,7 +48,7 @@ def build_dimensions(table: ExechonTable) -> ExechonDimensions:
 
 
 def build_map(scene: SceneTable) -> MapRequest | None:
-    """The map a scene asks for: the two axes of its sweep with several positions, the others where they stand."""
+    """The map a scene asks for: the axes of its sweep with several positions, the others where they stand."""
     request = scene.analyses.map
     if request is None:
         return None
@@ -56,9 +56,9 @@ def build_map(scene: SceneTable) -> MapRequest | None:
         name: np.asarray(np.linspace(span.low.value, span.high.value, span.positions), dtype=float)
         for name, span in (scene.sweeps[request.sweep].axes or {}).items()
     }
-    first, second = (name for name, values in spans.items() if len(values) > 1)
+    axes = tuple((name, values) for name, values in spans.items() if len(values) > 1)
     fixed = {name: float(values[0]) for name, values in spans.items() if len(values) == 1}
-    return MapRequest(((first, spans[first]), (second, spans[second])), fixed, request.count)
+    return MapRequest(axes, fixed, request.count)
 
 
 def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]) -> ContouringRequest | None:

@@ -16,7 +16,7 @@ from headstock.pipeline.schema_contouring import ContouringTable
 from headstock.pipeline.schema_mechanism import MechanismTable
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 
-MAX_MAP_POSES = 10_000
+MAX_MAP_POSES = 40_000
 
 
 def is_lumped(scene: SceneTable) -> bool:
@@ -108,8 +108,8 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
         )
         return
     counts = [span.positions for span in (sweep.axes or {}).values()]
-    if sum(count > 1 for count in counts) != 2:
-        findings.add((*key, "sweep"), "a map needs a sweep in which exactly two axes have more than one position")
+    if sum(count > 1 for count in counts) not in (2, 3):
+        findings.add((*key, "sweep"), "a map needs a sweep of axes in which two or three have more than one position")
     elif math.prod(counts) > MAX_MAP_POSES:
         findings.add((*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most")
 

@@ -210,8 +210,9 @@ def _describe_contour(request: ContouringRequest) -> str:
 
 
 def _describe_map(request: MapRequest) -> str:
-    (first, low), (second, high) = request.axes
-    return f"modes, stiffness and condition number in {len(low)} × {len(high)} poses of {first} and {second}"
+    poses = " × ".join(str(len(values)) for _, values in request.axes)
+    names = [name for name, _ in request.axes]
+    return f"modes, stiffness and condition number in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
 
 
 def _describe_frf(frf: FrfRequest) -> str:

@@ -22,6 +22,7 @@ from headstock.pipeline.control_stage import run_control_stage
 from headstock.pipeline.frf_stages import run_frf_stage
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.map_stage import run_map_stage
 from headstock.pipeline.mechanism_stages import (
     run_lumped_frf_stage,
     run_lumped_modal_stage,
@@ -40,7 +41,6 @@ from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Stage, StageRecord
 from headstock.pipeline.store import Store, default_store_root
-from headstock.pipeline.workspace_map import run_map_stage
 
 Observer = Callable[[StageRecord], None]
 Announcer = Callable[[Stage], None]

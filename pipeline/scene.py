@@ -67,7 +67,7 @@ class FrfRequest:
 
 @dataclass(frozen=True, eq=False)
 class MapRequest:
-    """A map over two axes.
+    """A map over two or three axes.
 
     Attributes:
         axes: Name and positions ``(n,)`` of each [m, rad].
@@ -75,7 +75,7 @@ class MapRequest:
         count: How many frequencies.
     """
 
-    axes: tuple[tuple[str, FloatArray], tuple[str, FloatArray]]
+    axes: tuple[tuple[str, FloatArray], ...]
     fixed: dict[str, float]
     count: int = 3
 

@@ -51,7 +51,7 @@ class ModalTable(RequestTable):
 
 
 class MapTable(RequestTable):
-    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two axes."""
+    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two or three axes."""
 
     sweep: Text
     count: Annotated[Count, Field(le=6)] = 3

@@ -1,22 +1,23 @@
-"""A map over the poses of a lumped mechanism: frequencies, static stiffness at the tool and condition number over a plane."""
+"""A map over the poses of a lumped mechanism: modes followed by shape, static stiffness and condition number over a plane or volume."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
 
 from headstock.geometry.exechon_poses import survey_tool_poses
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machines import Pose
 from headstock.geometry.tool_mechanisms import tool_pose
-from headstock.pipeline.run_state import Outcome, RunState
+from headstock.pipeline.mode_tracking import SweptModes, track_modes, tracked_frequencies
 from headstock.pipeline.scene import MapRequest, SceneMechanism
-from headstock.pipeline.stages import Stage
 from headstock.solvers.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanism_modes import LumpedModes, linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes, tool_compliance
 
+IndexArray = NDArray[np.intp]
 N_PER_UM = 1e-6
-LEAST_LIKENESS = 0.5  # squared cosine between the shapes of neighbours from which they are called the same mode
+CHUNK = 512  # poses evaluated together: more would leave the cache
+PLAINLY_ALIKE = 0.8  # squared cosine with the neighbour's mode of the same number from which no other can be nearer
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,102 +25,145 @@ class WorkspaceMap:
     """Quantities over a grid of poses.
 
     Attributes:
-        axes: Names of the two axes of the grid.
+        axes: Names of the two or three axes of the grid.
         positions: Their positions [m, rad].
         fixed: Positions of the other axes.
-        quantities: Name to ``(n0, n1)`` values, NaN where the pose cannot be taken.
-        likeness: Least squared cosine between the shapes of one mode in neighbouring poses; 1 is the same shape.
+        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz`` is one mode, followed by its shape,
+            the one with the lowest median.
+        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is the same shape.
+        crossings: Numbers of modes whose order changes somewhere.
+        torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
         trend: Correlation of the first frequency with the mean leg length.
     """
 
-    axes: tuple[str, str]
-    positions: tuple[FloatArray, FloatArray]
+    axes: tuple[str, ...]
+    positions: tuple[FloatArray, ...]
     fixed: dict[str, float]
     quantities: dict[str, FloatArray]
     likeness: float
+    crossings: tuple[tuple[int, int], ...]
+    torn: int
     trend: float
 
 
-def run_map_stage(state: RunState, stage: Stage) -> Outcome:
-    """Survey the grid, all poses at once."""
-    mechanism, request = state.scene.mechanism, state.scene.analyses.map
-    if not state.is_root:
-        return Outcome()
-    if mechanism is None or request is None or state.placed is None:
-        raise ValueError("a map stage needs a placed mechanism and a map in the scene")
-    found = map_workspace(mechanism, state.placed.model, request)
-    state.map = summarise_map(found)
-    if found.likeness < LEAST_LIKENESS:
-        state.warn("modes of the map change their shape between neighbouring poses; a finer grid tells which is which")
-    taken = int(np.isfinite(found.quantities["f1_hz"]).sum())
-    return Outcome(detail=f"{taken} of {found.quantities['f1_hz'].size} poses, f1 {_span(found.quantities['f1_hz'])} Hz")
+@dataclass(frozen=True, eq=False)
+class PoseRows:
+    """What is found in poses, NaN where they cannot be taken.
+
+    Attributes:
+        condition: ``(n,)``.
+        frequencies_hz: ``(n, c)`` of all modes.
+        shapes: ``(n, c, c)`` stretches of the springs, one column per mode, weighed so that their squares are shares of strain energy.
+        stiffness: ``(n, 3)`` static stiffness at the tool along x, y, z [N/m].
+        lengths: ``(n, 3)`` of the legs [m].
+    """
+
+    condition: FloatArray
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+    stiffness: FloatArray
+    lengths: FloatArray
 
 
-def map_workspace(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest) -> WorkspaceMap:
-    """Everything over the grid; poses out of reach or beyond a limit are NaN."""
-    (first, low), (second, high) = request.axes
-    poses = [Pose("", {**request.fixed, first: float(a), second: float(b)}) for a in low for b in high]
-    tools = [tool_pose(mechanism, pose.positions) for pose in poses]
-    survey = survey_tool_poses(mechanism.mounted, np.array([tool[0] for tool in tools]), np.array([tool[1] for tool in tools]))
+def map_workspace(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, *, comm: MPI.Comm = MPI.COMM_SELF
+) -> WorkspaceMap | None:
+    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others None."""
+    shape = tuple(len(values) for _, values in request.axes)
+    grid = np.stack(np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    part = np.array_split(grid, comm.size)[comm.rank]
+    rows = [survey_rows(mechanism, model, request, part[start : start + CHUNK]) for start in range(0, max(len(part), 1), CHUNK)]
+    gathered = comm.gather(rows, root=0)
+    if gathered is None:
+        return None
+    return _assemble(request, shape, _join([row for rows in gathered for row in rows]))
+
+
+def survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray) -> PoseRows:
+    """Poses with the map's axes at positions ``(n, d)``."""
+    names = [name for name, _ in request.axes]
+    poses = [{**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions]
+    size, count = len(model.mechanism.compliant), len(poses)
+    found = PoseRows(*(np.full((count, *tail), np.nan) for tail in ((), (size,), (size, size), (3,), (3,))))
+    if not poses:
+        return found
+    points, directions = (np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True))
+    survey = survey_tool_poses(mechanism.mounted, points, directions)
     good = survey.within & np.isfinite(survey.condition)
-    shape = (len(low), len(high))
-    quantities = {"condition_number": np.where(good, survey.condition, np.nan)}
-    shapes = np.full((len(poses), len(model.mechanism.compliant), request.count), np.nan)
-    frequencies, stiffness, lengths = (np.full((len(poses), n), np.nan) for n in (request.count, 3, 3))
     if good.any():
         motions = linearise_poses(model, survey.states[good])
-        modes: LumpedModes = solve_pose_modes(motions)
+        modes = solve_pose_modes(motions)
         turn = mechanism.mounted.mounting.rotation
         compliance = turn @ tool_compliance(model, motions)[:, :3, :3] @ turn.T
-        frequencies[good] = modes.frequencies_hz[:, : request.count]
-        # stretches of the springs, weighed so that their squares are the shares of the strain energy
-        shapes[good] = np.sqrt(modes.energy[:, :, : request.count]) * np.sign(modes.shapes[:, :, : request.count])
-        stiffness[good] = N_PER_UM / np.diagonal(compliance, axis1=1, axis2=2)
-        lengths[good] = survey.states[good, :3]
-    quantities |= {f"f{number + 1}_hz": frequencies[:, number] for number in range(request.count)}
-    quantities |= {f"stiffness_{axis}_n_per_um": stiffness[:, place] for place, axis in enumerate("xyz")}
-    quantities["mean_leg_m"] = lengths.mean(axis=1)
+        found.condition[good] = survey.condition[good]
+        found.frequencies_hz[good] = modes.frequencies_hz
+        found.shapes[good] = np.sqrt(modes.energy) * np.sign(modes.shapes)
+        found.stiffness[good] = 1.0 / np.diagonal(compliance, axis1=1, axis2=2)
+        found.lengths[good] = survey.states[good, :3]
+    return found
+
+
+def _join(rows: list[PoseRows]) -> PoseRows:
+    names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
+    return PoseRows(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))
+
+
+def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
+    edges = _edges(shape, np.isfinite(rows.condition))
+    likeness = _likeness(rows.shapes[:, :, : request.count], edges)
+    followed, crossings, torn = rows.frequencies_hz[:, : request.count], tuple[tuple[int, int], ...](), 0
+    if likeness < PLAINLY_ALIKE:
+        followed, crossings, torn = _follow(rows, edges, request.count)
+    quantities = {"condition_number": rows.condition}
+    quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
+    quantities |= {f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place] for place, axis in enumerate("xyz")}
+    quantities["mean_leg_m"] = rows.lengths.mean(axis=1)
+    good = np.isfinite(rows.condition) & np.isfinite(followed[:, 0])
     return WorkspaceMap(
-        (first, second),
-        (low, high),
-        request.fixed,
-        {name: values.reshape(shape) for name, values in quantities.items()},
-        _likeness(shapes.reshape(*shape, *shapes.shape[1:])),
-        _correlation(frequencies[good, 0], lengths[good].mean(axis=1)),
+        axes=tuple(name for name, _ in request.axes),
+        positions=tuple(values for _, values in request.axes),
+        fixed=request.fixed,
+        quantities={name: values.reshape(shape) for name, values in quantities.items()},
+        likeness=likeness,
+        crossings=crossings,
+        torn=torn,
+        trend=_correlation(followed[good, 0], rows.lengths[good].mean(axis=1)),
     )
 
 
-def summarise_map(found: WorkspaceMap) -> dict[str, Any]:
-    """As it stands in ``summary.json``; null where a pose cannot be taken."""
-    return {
-        "axes": list(found.axes),
-        "positions": [values.tolist() for values in found.positions],
-        "fixed": found.fixed,
-        "least_likeness": found.likeness,
-        "f1_and_mean_leg_correlation": found.trend,
-        "quantities": {
-            name: [[float(value) if np.isfinite(value) else None for value in row] for row in values]
-            for name, values in found.quantities.items()
-        },
-    }
+def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
+    """``(e, 2)`` numbers of neighbouring poses that can both be taken."""
+    numbers = np.arange(int(np.prod(shape))).reshape(shape)
+    pairs = []
+    for axis in range(len(shape)):
+        behind, ahead = (np.take(numbers, range(start, shape[axis] - 1 + start), axis=axis) for start in (0, 1))
+        pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
+    found = np.concatenate(pairs)
+    return np.asarray(found[taken[found].all(axis=1)])
 
 
-def _likeness(shapes: FloatArray) -> float:
-    """Least squared cosine between neighbours, rows and columns, over all modes."""
-    least = 1.0
-    for ahead, behind in ((shapes[1:], shapes[:-1]), (shapes[:, 1:], shapes[:, :-1])):
-        cosines = (ahead * behind).sum(axis=2) ** 2
-        if np.isfinite(cosines).any():
-            least = min(least, float(np.nanmin(cosines)))
-    return least
+def _likeness(shapes: FloatArray, edges: IndexArray) -> float:
+    """Least squared cosine between modes of the same number of neighbours."""
+    first, second = edges.T
+    cosines = (shapes[first] * shapes[second]).sum(axis=1) ** 2
+    return float(cosines.min(initial=1.0))
+
+
+def _follow(rows: PoseRows, edges: IndexArray, count: int) -> tuple[FloatArray, tuple[tuple[int, int], ...], int]:
+    """Frequencies ``(n, count)`` by shape, which of them cross, and how many edges tear one apart."""
+    number = len(rows.condition)
+    modes = SweptModes(
+        rows.frequencies_hz, np.nan_to_num(rows.shapes).astype(np.float32), np.full(number, count), np.zeros(number, dtype=np.int64)
+    )
+    tracked = track_modes(modes, [(int(i), int(j)) for i, j in edges])
+    followed = tracked_frequencies(rows.frequencies_hz, tracked.index)[:, :count]
+    if followed.shape[1] < count:
+        followed = np.pad(followed, ((0, 0), (0, count - followed.shape[1])), constant_values=np.nan)
+    crossings = tuple((int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count)
+    return followed, crossings, tracked.torn
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float:
     if len(first) < 2 or np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
         return 0.0
     return float(np.corrcoef(first, second)[0, 1])
-
-
-def _span(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"

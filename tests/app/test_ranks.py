@@ -112,3 +112,16 @@ def test_a_bad_scene_ends_all_ranks_with_2(scene_file: Path, tmp_path: Path) -> 
     result = run_on_ranks(2, tmp_path, *program)
     assert result.returncode == 2
     assert result.stderr.count("materials.steel.nu") == 1
+
+
+def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
+    spans = 'sweeps.plane.axes={ X = ["-300 mm", "300 mm", 5], Y = ["-80 mm", "80 mm", 3], Z = ["200 mm", "240 mm", 3] }'
+    scene = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
+    found = []
+    for ranks in (1, 3):
+        folder = tmp_path / str(ranks)
+        arguments = ("run", str(scene), "--analysis", "map", "--set", spans, "-o", str(folder))
+        done = run_on_ranks(ranks, tmp_path, "-m", "headstock.app.command_line", *arguments)
+        assert done.returncode == 0, done.stdout + done.stderr
+        found.append(json.loads((folder / "summary.json").read_text())["map"])
+    assert found[0] == found[1] and len(found[0]["quantities"]["f1_hz"]) == 5
