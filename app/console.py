@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.control_tables import list_control
-from headstock.app.error_texts import print_error_shares, show_error, show_frequency
+from headstock.app.error_texts import print_error_shares, show_error, show_frequency, show_size
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, StageRecord
@@ -132,13 +132,16 @@ def _component_table(components: Json) -> Table:
 
 
 def _print_point(console: Console, name: str, point: Json, pose: str) -> None:
-    table = make_table("force", *(f">moves {direction}" for direction in "xyz"))
+    errors = point.get("error_um_per_kN", {})
+    known = any(error is not None for error in errors.values())
+    table = make_table("force", *(f">moves {direction}" for direction in "xyz"), *([">± along the force"] if known else []))
     matrix = point["compliance_um_per_kN"]
     stiffest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
     decimals = min(9, max(0, 3 - math.floor(math.log10(stiffest))))
     # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
     for column, direction in enumerate("xyz"):
-        add_row(table, direction, *(f"{matrix[row][column]:.{decimals}f}" for row in range(3)))
+        error = [show_size(errors.get(direction))] if known else []
+        add_row(table, direction, *(f"{matrix[row][column]:.{decimals}f}" for row in range(3)), *error)
     print_table(console, f"Static compliance at {name}{f' in pose {pose}' if pose else ''} [µm/kN]", table)
     for direction, shares in point["budget"].items():
         _print_budget(console, direction, shares)

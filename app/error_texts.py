@@ -30,6 +30,15 @@ def show_error(error: float | None) -> str:
     return f"± {math.ceil(error / scale - 1e-9) * scale:.{error_decimals(error)}f}"
 
 
+def show_size(error: float | None) -> str:
+    """An error to its first digit however small it is, never rounded down."""
+    if error is None or error <= 0.0:
+        return NO_BOUND if error is None else "± 0"
+    decimals = -math.floor(math.log10(error))
+    rounded = math.ceil(error * 10.0**decimals - 1e-9) / 10.0**decimals
+    return f"± {rounded:.{max(0, decimals)}f}"
+
+
 def largest_shares(modes: Json) -> dict[str, float]:
     """Largest part [Hz] of each source over the elastic modes of a pose."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]

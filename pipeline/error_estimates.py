@@ -14,10 +14,12 @@ class Estimate:
     Attributes:
         shares: Source of error to its size; None where a source was looked at and no bound can be given.
         left_out: What is not in it, in plain words, such as ``the mesh of column``.
+        parts: Source of error to the part of each component in it.
     """
 
     shares: Mapping[str, float | None] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def total(self) -> float | None:
@@ -33,4 +35,10 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
         for source, size in part.shares.items():
             known = shares.get(source, 0.0)
             shares[source] = None if known is None or size is None else known + size
-    return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)))
+    owners: dict[str, dict[str, float]] = {}
+    for part in parts:
+        for source, sizes in part.parts.items():
+            known_sizes = owners.setdefault(source, {})
+            for name, own in sizes.items():
+                known_sizes[name] = known_sizes.get(name, 0.0) + own
+    return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners)

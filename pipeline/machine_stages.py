@@ -8,9 +8,9 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system
+from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
 from headstock.pipeline.mechanism_poses import describe_state
-from headstock.pipeline.mode_errors import estimate_mode_errors
 from headstock.pipeline.results import PointCompliance, PoseModes
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
@@ -52,7 +52,7 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     if request is None:
         raise ValueError("a static stage needs a static analysis in the scene")
     try:
-        points = {name: _point_compliance(coupled, name) for name in request.at}
+        points = {name: _point_compliance(state, coupled, name) for name in request.at}
     except ModelError as error:
         state.failures.append(f"static analysis in pose {stage.pose}: {error}")
         return Outcome(detail="refused: see below")
@@ -123,7 +123,7 @@ def _damping(state: RunState, coupled: CoupledMachine, count: int) -> tuple[tupl
     return damping_of_undamped(damped, count)
 
 
-def _point_compliance(coupled: CoupledMachine, name: str) -> PointCompliance:
+def _point_compliance(state: RunState, coupled: CoupledMachine, name: str) -> PointCompliance:
     found = point_budget(coupled, name)
     softest = DIRECTIONS[int(np.argmax(np.diag(found.compliance)[:3]))]
     link = find_weakest_link(coupled, name, softest, found)
@@ -131,7 +131,8 @@ def _point_compliance(coupled: CoupledMachine, name: str) -> PointCompliance:
     if coupled.loads:
         motion = solve_machine_static(coupled, np.sum(list(coupled.loads.values()), axis=0)).displacements
         displacement = np.array([coupled.system.outputs[name, dof] @ motion for dof in DOF_NAMES])
-    return PointCompliance(found.compliance, found.shares, "" if link is None else str(link), displacement)
+    errors = estimate_compliance_errors(state, coupled, found.displacements)
+    return PointCompliance(found.compliance, found.shares, "" if link is None else str(link), displacement, errors)
 
 
 def _free_motion_warning(state: RunState, coupled: CoupledMachine, rigid_count: int) -> str | None:

@@ -55,12 +55,14 @@ class PointCompliance:
         budget: Direction x, y, z to share of the compliance per component or joint; shares sum to 1.
         sentence: What it says about the weak link.
         displacement: ``(6,)`` motion under the scene's static loads [m, rad]; None without loads.
+        errors: Direction x, y, z to how far the compliance in it may be off [m/N].
     """
 
     compliance: FloatArray
     budget: dict[str, dict[str, float]]
     sentence: str = ""
     displacement: FloatArray | None = None
+    errors: dict[str, Estimate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,10 +285,24 @@ def _summarise_point(name: str, point: PointCompliance) -> Json:
             for direction, shares in point.budget.items()
         },
         "sentence": point.sentence,
+        "error_um_per_kN": {
+            direction: None if error.total is None else UM_PER_KN * error.total for direction, error in point.errors.items()
+        },
+        "error_share": {direction: _scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()},
+        "error_parts": {direction: _scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()},
+        "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
     }
     if point.displacement is not None:
         summary["displacement"] = check_finite(f"displacement of {name} under the static loads", point.displacement)
     return summary
+
+
+def _scale_shares(error: Estimate, factor: float) -> Json:
+    return {source: None if size is None else factor * size for source, size in error.shares.items()}
+
+
+def _scale_parts(error: Estimate, factor: float = 1.0) -> Json:
+    return {source: {name: factor * size for name, size in parts.items()} for source, parts in error.parts.items()}
 
 
 def _summarise_probe(name: str, probe: ProbeResponse) -> Json:
@@ -311,6 +327,7 @@ def _summarise_modes(modes: PoseModes) -> Json:
         "rigid_count": modes.rigid_count,
         "error_hz": list(modes.error_hz),
         "error_share": [dict(error.shares) for error in modes.errors],
+        "error_parts": [_scale_parts(error) for error in modes.errors],
         "error_left_out": sorted({words for error in modes.errors for words in error.left_out}),
         "damping_ratio": list(modes.damping_ratio),
         "damped_hz": list(modes.damped_hz),

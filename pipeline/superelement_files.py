@@ -91,6 +91,7 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         "stiffness": (superelement.stiffness, (size, size)),
         "mass": (superelement.mass, (size, size)),
         "damping": (superelement.damping, (size, size)),
+        "missing_energy": (superelement.missing_energy, (size, size)),
         "constraints": (superelement.constraints, (len(superelement.constraints), size)),
         "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
         "center_of_mass": (superelement.center_of_mass, (3,)),

@@ -24,10 +24,12 @@ class PointBudget:
         compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes.
         shares: For x, y and z the share of each component and joint in that direction's compliance; each sums to 1. Empty for
             a direction in which nothing gives way.
+        displacements: ``(n, 6)`` responses to the unit loads.
     """
 
     compliance: FloatArray
     shares: dict[str, dict[str, float]]
+    displacements: FloatArray
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     for i, direction in enumerate(DIRECTIONS):
         energies = strain_energies(coupled, displacements[:, i])
         shares[direction] = _shares(energies, 0.5 * float(compliance[i, i]), f"{point} {direction}")
-    return PointBudget(compliance, shares)
+    return PointBudget(compliance, shares, displacements)
 
 
 def strain_energies(coupled: CoupledMachine, displacement: FloatArray) -> dict[str, float]:

@@ -69,6 +69,8 @@ class Superelement:
         rails: Interfaces that carriages slide along, by name.
         truncation: What the fixed-interface modes left out would add; None without mass, for components that are no reduced finite
             element model, and for imported ones that do not say.
+        missing_energy: ``(n, n)`` estimated energy products of the discretisation errors of the dofs: what the strain energy of the
+            component is too large by is half of ``q^T E q``. None for components without a mesh, and for imported ones that do not say.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Superelement:
     stations: tuple[RailStation, ...] = ()
     rails: dict[str, Rail] = field(default_factory=dict)
     truncation: Truncation | None = None
+    missing_energy: FloatArray | None = None
 
     @property
     def node_size(self) -> int:
