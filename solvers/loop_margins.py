@@ -25,6 +25,7 @@ class LoopMargins:
         drive: Its name.
         gain: Factor by which its gains may rise [-].
         gain_hz: Where the phase is -180 degrees there [Hz].
+        lowest_gain: Factor to which they may fall, where too small ones are unstable too [-].
         phase_deg: Phase that may be lost, least over all crossings of gain one [degrees].
         phase_hz: Where [Hz].
         sensitivity: Largest ``|1 / (1 + L)|``: the inverse is the distance from instability.
@@ -36,6 +37,7 @@ class LoopMargins:
     drive: str
     gain: float | None
     gain_hz: float | None
+    lowest_gain: float | None
     phase_deg: float | None
     phase_hz: float | None
     sensitivity: float
@@ -101,7 +103,8 @@ def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
 
 
 def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray) -> LoopMargins:
-    gain, gain_hz = _gain_margin(frequencies, loop)
+    crossings = _real_crossings(frequencies, loop)
+    gain, gain_hz = min(((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None))
     phase, phase_hz = _phase_margin(frequencies, loop)
     sensitivity = 1.0 / np.abs(1.0 + loop)
     worst = int(np.argmax(sensitivity))
@@ -110,6 +113,7 @@ def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: Float
         drive=name,
         gain=gain,
         gain_hz=gain_hz,
+        lowest_gain=max((1.0 / size for size, _ in crossings if size > 1.0), default=None),
         phase_deg=phase,
         phase_hz=phase_hz,
         sensitivity=float(sensitivity[worst]),
@@ -119,16 +123,15 @@ def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: Float
     )
 
 
-def _gain_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | None, float | None]:
-    """The least rise of gain that reaches -1, where the loop crosses the negative real axis between 0 and -1."""
+def _real_crossings(frequencies: FloatArray, loop: ComplexArray) -> list[tuple[float, float]]:
+    """Size and frequency [Hz] wherever the loop crosses the negative real axis."""
     crossed = np.flatnonzero((np.sign(loop.imag[:-1]) != np.sign(loop.imag[1:])) & (loop.real[:-1] < 0.0) & (loop.real[1:] < 0.0))
-    best: tuple[float | None, float | None] = (None, None)
+    found = []
     for place in crossed:
-        share = loop.imag[place] / (loop.imag[place] - loop.imag[place + 1])
+        share = float(loop.imag[place] / (loop.imag[place] - loop.imag[place + 1]))
         size = -float(loop.real[place] + share * (loop.real[place + 1] - loop.real[place]))
-        if size < 1.0 and (best[0] is None or 1.0 / size < best[0]):
-            best = 1.0 / size, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
-    return best
+        found.append((size, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))))
+    return found
 
 
 def _phase_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | None, float | None]:

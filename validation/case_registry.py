@@ -23,6 +23,8 @@ from headstock.validation.closed_form_cases import (
     check_torsion_constants,
 )
 from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour
+from headstock.validation.deep_beam_response import check_harmonic_beam, check_transient_beam
+from headstock.validation.drive_cases import check_friction, check_sampled_control, check_two_masses
 from headstock.validation.frequency_cases import check_beam_truncation, check_column_response
 from headstock.validation.guideway_cases import check_guideway
 from headstock.validation.identification_cases import check_identification
@@ -60,7 +62,7 @@ from headstock.validation.reduction_cases import (
 from headstock.validation.singular_cases import check_singular_passage
 from headstock.validation.stability_cases import check_contour_stability, check_stability_methods
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
-from headstock.validation.time_cases import check_rod_step
+from headstock.validation.time_cases import check_rod_peak, check_rod_step
 from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
@@ -121,6 +123,12 @@ CASES: tuple[Case, ...] = (
     Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
+    Case("rod-peak", "time_response", "its sharp peak with 1200 modes", check_rod_peak, on_request=True),
+    Case("nafems-5t", "time_response", "NAFEMS 5T, deep beam under a suddenly applied load", check_transient_beam),
+    Case("nafems-5h", "frequency_response", "NAFEMS 5H, deep beam under a harmonic load", check_harmonic_beam),
+    Case("two-mass-drive", "drives", "a motor that drives a load, controlled, against closed forms", check_two_masses),
+    Case("sampled-control", "drives", "a sampled controller step by step beside its dead time", check_sampled_control),
+    Case("drive-friction", "drives", "sliding, sticking and slipping, and the balance of energy", check_friction),
     Case("beam-truncation", "frequency_response", "share of a cantilever's tip compliance in its modes", check_beam_truncation),
     Case(
         "column-response",

@@ -37,6 +37,43 @@ def rod_system(
     return _tip_system(stiffness[kept, kept], mass[kept, kept], damping[kept, kept] if end_dashpot else None, -1)
 
 
+def spectral_rod(beam: PrismaticBeam, elements: int, order: int) -> SecondOrderSystem:
+    """A clamped rod of elements of high order with nodes and integration at Gauss-Lobatto-Legendre points: diagonal mass.
+
+    About two of three modes have their frequency to many digits; of quadratic elements it is one of ten.
+
+    Args:
+        beam: Its length, section and material.
+        elements: Equal elements.
+        order: Of the polynomials.
+
+    Source: Maday and Patera (1989), Spectral element methods; Canuto, Hussaini, Quarteroni and Zang (2006), section 2.3.
+    """
+    nodes, weights = _lobatto_points(order)
+    slopes = _lagrange_slopes(nodes)
+    half = 0.5 * beam.length / elements
+    stiffness = beam.material.youngs_modulus * beam.area / half * _assemble(slopes.T @ (weights[:, None] * slopes), elements)
+    mass = beam.mass_per_length * half * _assemble(np.diag(weights), elements)
+    return _tip_system(stiffness[1:, 1:], mass[1:, 1:], None, -1)
+
+
+def _lobatto_points(order: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes in [-1, 1] and weights ``(order + 1,)``: the ends and the roots of the derivative of the Legendre polynomial."""
+    legendre = np.polynomial.legendre.Legendre.basis(order)
+    nodes = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
+    return nodes, 2.0 / (order * (order + 1) * legendre(nodes) ** 2)
+
+
+def _lagrange_slopes(nodes: FloatArray) -> FloatArray:
+    """Derivative at node i of the polynomial that is one at node j ``(n, n)``, by barycentric weights."""
+    gaps = nodes[:, None] - nodes + np.eye(len(nodes))
+    weights = 1.0 / gaps.prod(axis=1)
+    slopes = weights / weights[:, None] / gaps
+    np.fill_diagonal(slopes, 0.0)
+    np.fill_diagonal(slopes, -slopes.sum(axis=1))
+    return np.asarray(slopes)
+
+
 def cantilever_system(beam: PrismaticBeam, elements: int) -> SecondOrderSystem:
     """An Euler-Bernoulli cantilever, loaded and seen across its tip, the port ``("tip", "x")``.
 

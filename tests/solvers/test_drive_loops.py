@@ -137,3 +137,17 @@ def test_margins_say_by_how_much_the_gains_may_rise():
     # velocity_gain multiplies the whole loop
     assert not grows(0.995 * margins.gain)
     assert grows(1.005 * margins.gain)
+
+
+def test_gains_may_fall_to_the_lowest_gain_and_no_further():
+    system, train = make_drive(MASSES, CONTROL)
+    (margins,) = find_margins(system, [train], to_hz=2000.0)
+    assert margins.gain is None
+    assert margins.lowest_gain is not None
+
+    def grows(scale):
+        changed = dataclasses.replace(train, control=change(velocity_gain=scale * CONTROL.velocity_gain))
+        return bool(find_loop_poles(close_loops(system, [changed])).growing())
+
+    assert not grows(1.005 * margins.lowest_gain)
+    assert grows(0.995 * margins.lowest_gain)

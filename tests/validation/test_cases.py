@@ -16,7 +16,8 @@ from headstock.validation.validation_runs import run_validation
 
 QUICK = (
     "block", "rod", "rod-orders", "all-modes", "static-exactness", "rigid-body-content",
-    "beam-truncation", "rod-step", "column-response", "seed-cantilever-static", "square-column", "straight-cantilever", "fv5",
+    "beam-truncation", "rod-step", "two-mass-drive", "sampled-control", "drive-friction",
+    "nafems-5h", "column-response", "seed-cantilever-static", "square-column", "straight-cantilever", "fv5",
 )  # fmt: skip
 
 
