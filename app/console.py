@@ -12,7 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.control_tables import list_control
-from headstock.app.error_texts import print_error_shares, show_error, show_frequency, show_size
+from headstock.app.error_texts import (
+    print_error_shares,
+    print_response_error,
+    show_error,
+    show_frequency,
+    show_plain_error,
+    show_size,
+)
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, StageRecord
@@ -86,6 +93,7 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
         print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
+        print_response_error(console, response)
     if "path" in summary:
         print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
     for pose, control in summary.get("control", {}).items():
@@ -232,6 +240,9 @@ def _response_table(ports: Sequence[Json]) -> Table:
         if "static_um_per_kN" in port:
             numbers = ["free" if port["static_um_per_kN"] is None else f"{port['static_um_per_kN']:.4g}"]
             numbers += ["-" if port[key] is None else f"{port[key]:.4g}" for key in keys]
+            error = port.get("worst_real_error_um_per_kN")
+            if error is not None and port[keys[0]] is not None:
+                numbers[1] += f" {show_plain_error(error)}"
             add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
     return table
 

@@ -61,3 +61,30 @@ def print_error_shares(console: Console, modes: Json) -> None:
     for words in [f"± from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
+
+
+def show_plain_error(error: float) -> str:
+    """An error to two digits."""
+    return f"± {error:.2g}"
+
+
+def response_error_words(response: Json) -> str:
+    """How far the lines of a frequency response may be off by the modes left out; empty where nothing is known."""
+    found = response.get("error")
+    if not found:
+        return ""
+    if found["reduction"] is None:
+        return "no bound of the reduction error: the range lies beyond the cut-off of the modes kept"
+    shares, reach = found["reduction"], found["bounded_to_hz"]
+    words = (
+        f"± from reduction: {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} %"
+        f" at {shares['largest_share_hz']:.4g} Hz; a mesh error is not in it"
+    )
+    return words if reach >= response["to_hz"] else f"{words}; no bound above {reach:.4g} Hz"
+
+
+def print_response_error(console: Console, response: Json) -> None:
+    """Print how far a frequency response may be off."""
+    words = response_error_words(response)
+    if words:
+        console.print(f"  {words}", markup=False)

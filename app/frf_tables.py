@@ -44,13 +44,16 @@ def broken_phase(values: ComplexArray) -> FloatArray:
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: real and imaginary part of every entry in SI; empty where there is no value."""
-    values = curves.values
+    """A row per frequency: real and imaginary part and error of every entry in SI; empty where there is none."""
+    values, errors = curves.values, curves.value_errors
     headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
             unit = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[curves.motion]} per {'N m' if given[1].startswith('r') else 'N'}"
             headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
             columns += [np.array(part, dtype=float) for part in (values[:, row, column].real, values[:, row, column].imag)]
+            if errors is not None:
+                headings.append(f"± {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(errors[:, row, column], dtype=float))
     cells = tuple(tuple(None if math.isnan(value) else float(value) for value in row) for row in np.column_stack(columns))
     return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)

@@ -2,6 +2,7 @@
 
 import base64
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -120,6 +121,13 @@ def format_number(value: float, digits: int = 4) -> str:
     return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
 
 
+def show_error_size(value: float | None) -> Markup:
+    """An error to two significant digits."""
+    if value is None or value == 0.0 or not 1e-4 <= value < 10.0:
+        return show_number(value, 3 if value and value < 1e-4 else 2, "not estimated")
+    return _data(value, f"{value:.{1 - math.floor(math.log10(value))}f}")
+
+
 def show_matrix_entry(value: float, matrix: list[list[float]]) -> Markup:
     """An entry of a compliance matrix, as many decimals for all: three digits of its smallest diagonal entry."""
     smallest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
@@ -192,6 +200,7 @@ def report_environment() -> jinja2.Environment:
     )
     filters: dict[str, Any] = {
         "number": show_number,
+        "error": show_error_size,
         "error_words": error_words,
         "largest_shares": largest_shares,
         "entry": show_matrix_entry,

@@ -18,6 +18,7 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 DIGITS = 4
 LINE = '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
 TEXT = '<text x="{}" y="{}" font-size="10.5" text-anchor="{}" fill="currentColor" opacity="0.75">{}</text>'
+BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
 PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin="round"/>'
 
 
@@ -30,6 +31,7 @@ class _Cell:
     color: str
     size: FloatArray
     phase: FloatArray
+    error: FloatArray
     corner: tuple[float, float]
     width: float
     low: float
@@ -67,6 +69,7 @@ def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
     width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
     values, cells = curves.values, []
+    errors = np.full(values.shape, np.nan) if curves.value_errors is None else curves.value_errors
     for row, output in enumerate(outputs):
         for column, given in enumerate(inputs):
             unit, factor = response_unit(curves.motion, output, given)
@@ -75,7 +78,8 @@ def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
             color = DIRECT if output == given else CURVE
             corner = (column * width, row * _cell_height())
             phase = broken_phase(values[:, row, column])
-            cells.append(_Cell(name_entry(output, given), unit, color, size, phase, corner, width, low, high))
+            error = np.asarray(factor * errors[:, row, column], dtype=float)
+            cells.append(_Cell(name_entry(output, given), unit, color, size, phase, error, corner, width, low, high))
     return cells, len(inputs)
 
 
@@ -109,9 +113,23 @@ def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
         parts += [Markup(LINE).format(f"{x:.1f}", f"{top:.1f}", f"{x:.1f}", f"{low:.1f}", 0.13)]
         parts.append(_text(x, low + 13, "middle", f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"))
     along = _places(curves, cell, curves.frequencies_hz)
+    parts.append(_draw_band(cell, along))
     parts.append(Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color))
     parts.append(Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color))
     return Markup("").join(parts)
+
+
+def _draw_band(cell: _Cell, along: FloatArray) -> Markup:
+    """Where the magnitude may lie by its error, as far as there is a bound."""
+    known = np.isfinite(cell.error) & np.isfinite(cell.size)
+    if np.count_nonzero(known) < 2:
+        return Markup("")
+    x, size, error = along[known], cell.size[known], cell.error[known]
+    upper = cell.size_level(np.minimum(size + error, cell.high))
+    lower = cell.size_level(size - error)
+    outline = np.concatenate([upper, lower[::-1]])
+    path = _path(np.concatenate([x, x[::-1]]), outline, np.ones(len(outline), dtype=bool))
+    return Markup(BAND).format(path, cell.color)
 
 
 def _line(left: float, y: float, right: float, opacity: float) -> Markup:

@@ -30,6 +30,7 @@ class PortFigures:
         softest: Smallest dynamic stiffness; None where the response is unbounded.
         softest_hz: Its frequency [Hz].
         softest_mode: Name of the natural mode nearest to it.
+        worst_real_error: How far the most negative real part may be off by the modes left out; None without a bound.
         plain_sum_error: Share of the static compliance that the modes up to the highest frequency miss: what a sum over
             them without static correction would lack.
     """
@@ -43,6 +44,7 @@ class PortFigures:
     softest_hz: float | None
     softest_mode: str
     plain_sum_error: float | None
+    worst_real_error: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,8 @@ class ResponseCurves:
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.
         spacing: Of the frequency axis.
+        error: ``(n, n_outputs, n_inputs)`` how far the receptance may be off by the modes left out [m/N, ...]; NaN where there is no
+            bound, None where none was sought.
     """
 
     pose: str
@@ -66,6 +70,12 @@ class ResponseCurves:
     receptance: ComplexArray
     motion: Motion = "receptance"
     spacing: Spacing = "linear"
+    error: FloatArray | None = None
+
+    @property
+    def value_errors(self) -> FloatArray | None:
+        """The error in terms of what is tabled and drawn."""
+        return None if self.error is None else np.abs(convert_receptance(self.error + 0j, self.frequencies_hz, self.motion))
 
     @property
     def values(self) -> ComplexArray:
@@ -108,6 +118,7 @@ def summarise_response(response: PoseResponse) -> Json:
         "damped": response.damped,
         "free_body": list(response.free_body),
         "singular_hz": list(response.singular_hz),
+        "error": _summarise_error(curves),
         "ports": [_summarise_port(figures) for figures in response.figures],
     }
 
@@ -116,6 +127,8 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
     """Write the curves of a pose: receptance in SI, NaN where there is no value."""
     group["frequencies_hz"] = curves.frequencies_hz
     group["receptance"] = curves.receptance
+    if curves.error is not None:
+        group["error"] = curves.error
     group.attrs["motion"], group.attrs["spacing"] = curves.motion, curves.spacing
     for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
         group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
@@ -130,7 +143,14 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
     inputs, outputs = (tuple(split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
     given = group.attrs
     return ResponseCurves(
-        pose, inputs, outputs, group["frequencies_hz"][:], group["receptance"][:], given["motion"], given["spacing"]
+        pose,
+        inputs,
+        outputs,
+        group["frequencies_hz"][:],
+        group["receptance"][:],
+        given["motion"],
+        given["spacing"],
+        group["error"][:] if "error" in group else None,
     )
 
 
@@ -151,9 +171,29 @@ def _summarise_port(figures: PortFigures) -> Json:
         "worst_real_hz": figures.worst_real_hz,
         f"chatter_stiffness_{names[1]}": _scaled(figures.chatter_stiffness, stiff),
         f"softest_{names[1]}": _scaled(figures.softest, stiff),
+        f"worst_real_error_{names[0]}": _scaled(figures.worst_real_error, soft),
         "softest_hz": figures.softest_hz,
         "softest_mode": figures.softest_mode,
         "plain_sum_error": figures.plain_sum_error,
+    }
+
+
+def _summarise_error(curves: ResponseCurves) -> Json | None:
+    """Largest and median error over the largest entry of the same line, and how far up there is a bound."""
+    if curves.error is None:
+        return None
+    bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(axis=(1, 2))
+    if not bounded.any():
+        return {"reduction": None, "bounded_to_hz": 0.0}
+    shares = curves.error[bounded].max(axis=(1, 2)) / np.abs(curves.receptance[bounded]).max(axis=(1, 2))
+    lines = curves.frequencies_hz[bounded]
+    return {
+        "reduction": {
+            "median_share": float(np.median(shares)),
+            "largest_share": float(shares.max()),
+            "largest_share_hz": float(lines[int(np.argmax(shares))]),
+        },
+        "bounded_to_hz": float(lines[-1]),
     }
 
 

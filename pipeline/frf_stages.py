@@ -1,16 +1,18 @@
 """The frequency response stage. Only rank 0 has anything to do."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.damped_machines import damp_system
+from headstock.pipeline.frf_errors import add_figure_errors, estimate_response_errors
 from headstock.pipeline.frf_results import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.scene import FrfRequest
 from headstock.pipeline.stages import Stage
+from headstock.reduction.frequency_errors import TruncatedPart, truncated_parts
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.frequency_grid import UNDAMPED, refine_grid
 from headstock.solvers.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, prepare_frf
@@ -29,11 +31,16 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     coupled = state.coupled
     if coupled is None:
         raise ValueError("a frequency response needs a coupled machine before it")
-    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names)
+    parts = truncated_parts(coupled)
+    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names, parts)
 
 
 def respond(
-    state: RunState, stage: Stage, bare: SecondOrderSystem, name_shapes: Callable[[ModalResult], tuple[str, ...]]
+    state: RunState,
+    stage: Stage,
+    bare: SecondOrderSystem,
+    name_shapes: Callable[[ModalResult], tuple[str, ...]],
+    parts: Mapping[str, TruncatedPart] | None = None,
 ) -> Outcome:
     """Frequency response of a system with the damping of the scene.
 
@@ -42,6 +49,7 @@ def respond(
         stage: With its pose.
         bare: The system as coupled.
         name_shapes: What its natural modes are called.
+        parts: Its components that leave modes out; None where the system is no reduced finite element model.
     """
     request, pose = state.scene.analyses.frf, stage.pose
     if request is None or pose is None:
@@ -59,16 +67,26 @@ def respond(
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
     figures = find_stability_figures(model, response) if bounded else ()
+    errors = None if parts is None else estimate_response_errors(state, system, parts, modes, response)
     near = _modes_up_to(modes, NAMED_MARGIN * request.to_hz)
     found = PoseResponse(
         curves=ResponseCurves(
-            pose, response.inputs, response.outputs, response.frequencies_hz, response.receptance, request.motion, request.spacing
+            pose,
+            response.inputs,
+            response.outputs,
+            response.frequencies_hz,
+            response.receptance,
+            request.motion,
+            request.spacing,
+            None if errors is None else errors.bounds,
         ),
         method=response.method,
         damped=damped,
         free_body=_name_entries(response),
         singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
-        figures=_port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))),
+        figures=add_figure_errors(
+            _port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))), response, errors
+        ),
     )
     state.responses.append(found)
     return Outcome(detail=f"{len(response.frequencies_hz)} frequencies, {response.method}")

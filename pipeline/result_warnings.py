@@ -5,10 +5,9 @@ import numpy as np
 from headstock.geometry.components import Component
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import doubt_size
+from headstock.pipeline.reach_warnings import warn_of_cutoff, warn_of_mesh
 from headstock.pipeline.run_state import ReducedComponent, RunState
 
-# Craig-Bampton frequencies lose accuracy towards the cut-off of the fixed-interface modes
-CUTOFF_MARGIN = 1.5
 POOR_QUALITY = 0.05
 
 
@@ -20,13 +19,7 @@ def find_warnings(state: RunState) -> list[str]:
     found: list[str] = []
     for name, reduced in state.reduced.items():
         found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
-        cutoff = reduced.superelement.cutoff_hz
-        if highest > cutoff / CUTOFF_MARGIN:
-            found.append(
-                f"component {name!r} keeps its fixed-interface modes complete up to {cutoff:.4g} Hz only, and frequencies up to"
-                f" {highest:.4g} Hz are reported: those above {cutoff / CUTOFF_MARGIN:.4g} Hz are too high;"
-                f' write reduction = {{ modes_to = "{3 * highest:.0f} Hz" }}'
-            )
+        found += warn_of_cutoff(name, reduced, highest) + warn_of_mesh(state.plan.components[name], reduced, highest)
     return found
 
 

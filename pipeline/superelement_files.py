@@ -101,6 +101,12 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
+    if superelement.truncation is not None:
+        boundary = (superelement.boundary_size, superelement.boundary_size)
+        expected["truncation/first"] = (superelement.truncation.first, boundary)
+        expected["truncation/second"] = (superelement.truncation.second, boundary)
+        if not superelement.truncation.limit > 0.0:
+            raise RecordError(f"{path}: truncation/limit is {superelement.truncation.limit}; it must be above zero")
     for name, rail in superelement.rails.items():
         expected[f"rails/{name}/control"] = (rail.control, (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size))
         expected[f"rails/{name}/center"] = (rail.center, (3,))

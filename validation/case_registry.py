@@ -25,6 +25,7 @@ from headstock.validation.closed_form_cases import (
 from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour
 from headstock.validation.deep_beam_response import check_harmonic_beam, check_transient_beam
 from headstock.validation.drive_cases import check_friction, check_sampled_control, check_two_masses
+from headstock.validation.estimate_cases import check_frequency_estimates, check_step_estimates
 from headstock.validation.frequency_cases import check_beam_truncation, check_column_response
 from headstock.validation.guideway_cases import check_guideway
 from headstock.validation.identification_cases import check_identification
@@ -59,6 +60,7 @@ from headstock.validation.reduction_cases import (
     check_rigid_body_content,
     check_static_exactness,
 )
+from headstock.validation.response_estimate_cases import check_response_estimates
 from headstock.validation.singular_cases import check_singular_passage
 from headstock.validation.stability_cases import check_contour_stability, check_stability_methods
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
@@ -119,6 +121,9 @@ CASES: tuple[Case, ...] = (
     Case("mode-truncation", "reduction", "free column with rigid faces by number of modes", check_mode_truncation),
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
+    Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", check_frequency_estimates),
+    Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", check_step_estimates),
+    Case("response-estimates", "estimates", "± of frequency responses against direct solves", check_response_estimates),
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
     Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
