@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.joints import Joint
 from headstock.geometry.machines import Pose, place_components
 from headstock.pipeline.identification_targets import Parameter, TargetCase
 from headstock.pipeline.parametric_scene import ParametricScene
@@ -202,7 +203,7 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     if touched.stiffness_only:
         return _slope_springs(state, parameter)
     joints = state.model.parametric.scene.machine.joints
-    beside = [name for name, joint in joints.items() if any(end.component in touched.components for end in joint.ends)]
+    beside = [name for name, joint in joints.items() if _bodies_of(joint) & set(touched.components)]
     watched = [name for name in state.model.observers if _owners(state, name) & set(touched.components)]
     wanted = Selection(touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched))
     value = state.values[parameter.name]
@@ -217,6 +218,13 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
         )
         pairs.append((after, before, weight / step))
     return difference_pieces(pairs)
+
+
+def _bodies_of(joint: Joint) -> set[str | None]:
+    """Components that a joint's rows and stiffness depend on the places of."""
+    shaft = joint.screw
+    ends = joint.ends if shaft is None else (*joint.ends, *(end for end in (shaft.reach, shaft.far) if end is not None))
+    return {end.component for end in ends}
 
 
 def _slope_springs(state: CaseState, parameter: Parameter) -> StackedPieces:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from headstock.pipeline.identification_targets import FitSettings, IdentificationTask, Parameter, TargetCase
 from headstock.pipeline.parameter_checks import read_parameters
+from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import read_scene
@@ -67,8 +68,6 @@ def load_targets(path: Path, scene: Path, *, overrides: Sequence[str] = ()) -> L
 
 def _check_kind(scene: Scene, findings: Findings) -> None:
     """Refuse scenes whose parts are not placed by their own keys alone."""
-    if scene.mechanism is not None:
-        findings.add_line(None, f"{scene.path} holds a mechanism; only machines of components and joints can be fitted")
     if "orientation" in scene.raw:
         findings.add_line(
             None, f"{scene.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency"
@@ -85,9 +84,11 @@ def _load_variant(
         text = f"unknown variant {part[:80]!r}; {suggest_names(part, written.variants, what='variants')}"
         findings.add(("cases", name, "variant"), text)
     if not unknown:
-        scenes[entry.variant] = (
-            written if entry.variant is None else load_scene(written.path, variant=entry.variant, overrides=overrides)
-        )
+        scene = written if entry.variant is None else load_scene(written.path, variant=entry.variant, overrides=overrides)
+        if is_lumped(scene):
+            key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
+            findings.add(key, 'is a lumped mechanism, which has no joints to fit; name a variant with model = "components"')
+        scenes[entry.variant] = scene
 
 
 def _check_amount(cases: Sequence[TargetCase], parameters: Sequence[Parameter], findings: Findings) -> None:

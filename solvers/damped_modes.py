@@ -14,6 +14,7 @@ from headstock.solvers.symmetric_matrices import is_symmetric
 
 REAL_POLE = 1e-9
 MASSLESS_CONDITION = 1e14
+MASSLESS_DAMPING = 1e-9  # share of the damping that dofs without mass may feel: roundoff
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
         undamped: All undamped modes, where they are already known.
 
     Raises:
-        ModelError: Dofs without mass, which have no place in a state matrix.
+        ModelError: Dofs without mass that damping acts on, which have no place in a state matrix.
         ConvergenceError: LAPACK did not converge.
 
     Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), sec. 3.3.
@@ -58,11 +59,8 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
     if not (is_symmetric(system.mass) and is_symmetric(system.stiffness)):
         return _solve_unsymmetric(system)
     modes = undamped or solve_modal(system)
-    count = len(system.mass)
-    if modes.infinite_count or modes.shapes.shape[1] != count:
-        raise ModelError(
-            f"{count - modes.shapes.shape[1]} dofs have no mass or were left out, so damped modes cannot be computed; give every body a mass"
-        )
+    _require_complete(system, modes)
+    count = modes.shapes.shape[1]
     squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
     squares[: modes.rigid_count] = 0.0
     damping = np.zeros((count, count)) if system.damping is None else modes.shapes.T @ system.damping @ modes.shapes
@@ -73,6 +71,21 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
     state[count:, :count] /= scale
     poles, vectors = scipy.linalg.eig(state, check_finite=False)
     return _sort_poles(poles, vectors[:count], modes.shapes)
+
+
+def _require_complete(system: SecondOrderSystem, modes: ModalResult) -> None:
+    """Refuse modes that were left out, and dofs without mass that damping acts on; others follow the finite modes statically."""
+    lacking = len(system.mass) - modes.shapes.shape[1]
+    unseen = 0.0
+    if modes.infinite_count and system.damping is not None:
+        weighed = system.mass @ modes.shapes
+        seen = weighed @ (modes.shapes.T @ system.damping @ modes.shapes) @ weighed.T
+        unseen = float(np.abs(system.damping - seen).max() / max(float(np.abs(system.damping).max()), np.finfo(float).tiny))
+    if lacking > modes.infinite_count or unseen > MASSLESS_DAMPING:
+        raise ModelError(
+            f"{lacking} dofs have no mass or were left out, so damped modes cannot be computed; give every body a mass, or take the "
+            "damping off joints between parts without mass"
+        )
 
 
 def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:

@@ -15,6 +15,7 @@ IntArray = NDArray[np.int64]
 EPS = float(np.finfo(float).eps)
 PIVOT_FACTOR = 16.0  # pivots below PIVOT_FACTOR * n * eps of their own diagonal entry are roundoff
 DEAD_DIAGONAL = 1e-28  # (eps^2 and a margin) of the largest diagonal entry: a direction cosine squared, not a stiffness
+DEAD_MASS = 1e-18  # the same for masses, which differ by fewer decades than springs: what long levers leave of a dof without mass
 INDEFINITE_LIMIT = 1e-9  # scaled Schur complement below minus this: really negative, not roundoff
 
 
@@ -58,7 +59,8 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     """
     size = len(matrix)
     diagonal = np.array(matrix.diagonal())
-    live = diagonal > DEAD_DIAGONAL * np.abs(diagonal).max(initial=0.0)
+    dead = DEAD_MASS if what == "mass" else DEAD_DIAGONAL
+    live = diagonal > dead * np.abs(diagonal).max(initial=0.0)
     _require_no_negative(diagonal, what)
     scale = np.where(live, 1.0 / np.sqrt(np.where(live, diagonal, 1.0)), 0.0)
     scaled = matrix * scale * scale[:, None]

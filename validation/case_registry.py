@@ -66,6 +66,7 @@ from headstock.validation.stability_cases import check_contour_stability, check_
 from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
 from headstock.validation.time_cases import check_rod_peak, check_rod_step
 from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
+from headstock.validation.tripteor_leg_cases import check_compliances, check_elastic_legs, check_leg_roads
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
 
@@ -145,6 +146,9 @@ CASES: tuple[Case, ...] = (
     Case("axis-construction-kit", "axis_construction_kit", "table 3 and figures 17, 18 of Kono et al.", check_axis_kit),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),
     Case("tripteor-claims", "tripteor", "what the paper says of its model, held or not", check_paper_claims),
+    Case("tripteor-elastic-legs", "tripteor", "measured modes in three configurations and elastic legs", check_elastic_legs),
+    Case("tripteor-leg-roads", "tripteor", "elastic legs by three roads, stiff legs and the lumped model", check_leg_roads),
+    Case("tripteor-compliances", "tripteor", "what could be missing beside elastic legs, one after the other", check_compliances),
     Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
     Case("tripteor-contouring", "tripteor", "tool gap along x on the faces of the milled block", check_contouring),
     Case("tripteor-contouring-nonlinear", "tripteor", "the start of the contour by the full equations", check_nonlinear_contour),

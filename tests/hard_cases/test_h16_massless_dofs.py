@@ -9,6 +9,7 @@ from headstock.reduction.coupling import couple
 from headstock.solvers.errors import ModelError
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.symmetric_modes import solve_symmetric_modes
 from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body
 
 HOME = Pose("home")
@@ -88,3 +89,11 @@ def test_a_motion_with_neither_mass_nor_stiffness_is_refused():
 def test_a_system_without_any_mass_is_refused():
     with pytest.raises(ModelError, match="no mass at all"):
         solve_modal(SecondOrderSystem(np.zeros((3, 3)), None, np.eye(3), {}, {}, ("q",) * 3))
+
+
+def test_what_levers_leave_of_a_massless_dof_is_no_mass():
+    stiffness = np.array([[2.0, -1.0], [-1.0, 1.0]]) * 1e6
+    right = solve_symmetric_modes(stiffness, np.diag([0.0, 50.0]))
+    left_over = solve_symmetric_modes(stiffness, np.diag([50.0 * 1e-20, 50.0]))
+    assert left_over.infinite_count == right.infinite_count == 1
+    assert list(left_over.squares) == pytest.approx(list(right.squares), rel=1e-12)

@@ -136,3 +136,14 @@ def test_shapes_of_elastic_components_are_refused_with_the_reason(tmp_path: Path
     assert problem.key == "parameters.width.keys[0]"
     assert "column is elastic in variant fine" in problem.message
     assert 'fidelity = "segmented"' in problem.message
+
+
+def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) -> None:
+    machines = ROOT / "machines"
+    task = load_targets(machines / "tripteor_targets.toml", machines / "tripteor.toml").task
+    assert [case.held_out for case in task.cases] == [(True,) * 4, (False,) * 4, (False,) * 4]
+    assert [parameter.name for parameter in task.parameters] == ["leg", "tip", "frame_x", "frame_y"]
+    lumped = tmp_path / "targets.toml"
+    lumped.write_text((machines / "tripteor_targets.toml").read_text().replace('"elastic_legs+segmented"', '"lumped"', 1))
+    with pytest.raises(SceneError, match="lumped mechanism, which has no joints to fit"):
+        load_targets(lumped, machines / "tripteor.toml")

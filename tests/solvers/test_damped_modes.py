@@ -5,6 +5,7 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import SecondOrderSystem
 
 
@@ -52,3 +53,14 @@ def test_positive_damping_never_gives_growing_motion() -> None:
 def test_a_negative_damper_shows_as_a_negative_ratio() -> None:
     found = solve_damped(_system(np.eye(1), -np.eye(1), np.eye(1) * 1e4))
     assert found.damping_ratios[0] == pytest.approx(-0.005)
+
+
+def test_a_dof_without_mass_follows_its_springs_as_long_as_no_damper_acts_on_it() -> None:
+    # a mass on two springs in a row, nothing between them
+    near, far, mass, dash = 3e4, 5e4, 2.0, 4.0
+    stiffness = np.array([[near + far, -far], [-far, far]])
+    found = solve_damped(_system(np.diag([0.0, mass]), np.diag([0.0, dash]), stiffness))
+    series = near * far / (near + far)
+    assert found.damping_ratios == pytest.approx([dash / (2.0 * np.sqrt(series * mass))], rel=1e-9)
+    with pytest.raises(ModelError, match="take the damping off"):
+        solve_damped(_system(np.diag([0.0, mass]), np.diag([dash, 0.0]), stiffness))

@@ -1,0 +1,88 @@
+"""The Tripteor with elastic legs; legs as segments here, as finite elements in ``headstock validate tripteor``."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.results import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene import keep_analyses
+from headstock.pipeline.scene_loader import load_scene
+from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
+from headstock.solvers.modal_analysis import solve_modal
+from headstock.validation import tripteor_legs
+from headstock.validation.tripteor_leg_cases import check_compliances
+from headstock.validation.tripteor_legs import LeggedTripteor, load_legs, solve_beams
+from headstock.validation.tripteor_machine import SCENE, load_tripteor
+
+MEASURED = {
+    "config_1": (46.2, 55.3, 71.3, 96.6),
+    "config_2": (49.4, 50.2, 71.3, 88.8),
+    "config_3": (39.6, 51.6, 58.4, 92.0),
+}
+
+
+@pytest.fixture(scope="module")
+def elastic() -> LeggedTripteor:
+    return load_legs("elastic_legs+segmented")
+
+
+def frequencies(tripteor: LeggedTripteor, pose: str, count: int = 6) -> np.ndarray:
+    return solve_modal(tripteor.couple(pose).system, count=count).frequencies_hz
+
+
+@pytest.mark.parametrize("pose", MEASURED)
+def test_the_first_four_modes_with_elastic_legs_are_the_measured_ones_within_a_tenth(elastic: LeggedTripteor, pose: str) -> None:
+    found = frequencies(elastic, pose)
+    assert np.abs(found[:4] / MEASURED[pose] - 1.0).max() < 0.08
+    assert 48.0 < found[1] < 58.0 and 85.0 < found[3] < 100.0 < found[4]
+
+
+@pytest.mark.parametrize("pose", MEASURED)
+def test_beam_elements_in_a_model_of_their_own_give_the_same_frequencies(elastic: LeggedTripteor, pose: str) -> None:
+    assert np.allclose(frequencies(elastic, pose), solve_beams(elastic, pose, 6), rtol=3e-4)
+
+
+def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() -> None:
+    stiff, lumped = load_legs("stiff_legs+segmented"), load_tripteor()
+    stiffer = load_legs("stiff_legs+segmented", ['materials.leg_steel.E="21000000 GPa"'])
+    for pose, state in lumped.poses.items():
+        right = solve_pose_modes(linearise_poses(lumped.model, state)).frequencies_hz
+        off = np.abs(frequencies(stiff, pose) / right - 1.0)
+        assert off[:3].max() < 3e-4 and off.max() < 2e-3
+        # what is left is the bending of the legs: a tenth of it with ten times the modulus
+        assert 0.08 < np.abs(frequencies(stiffer, pose) / right - 1.0)[3] / off[3] < 0.12
+
+
+def test_a_softer_second_road_is_seen(elastic: LeggedTripteor, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = tripteor_legs.solve_tripod
+    monkeypatch.setattr(
+        tripteor_legs,
+        "solve_tripod",
+        lambda legs, platform, frame, count: whole(legs, platform, (frame[0], 0.99 * frame[1]), count),
+    )
+    assert not np.allclose(frequencies(elastic, "config_1"), solve_beams(elastic, "config_1", 6), rtol=3e-4)
+
+
+def test_no_compliance_alone_beside_elastic_legs_does_as_well_as_the_frame_along_x_and_y() -> None:
+    rms = {row.quantity.partition(":")[0]: row.value for row in check_compliances(MPI.COMM_SELF)}
+    assert rms["elastic legs alone"] > 0.15
+    assert min(value for name, value in rms.items() if name.startswith("and ")) == rms["and sway of the frame along x and y"] < 0.04
+
+
+def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_path: Path) -> None:
+    settings = [
+        'analyses.modal.poses=["config_2"]',
+        'analyses.static.poses=["config_2"]',
+        *(f"components.beam_{i}.segments.count=6" for i in (1, 2, 3)),
+    ]
+    scene = keep_analyses(load_scene(SCENE, variant="elastic_legs+segmented", overrides=settings), ("static", "modal"))
+    summary = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
+    (modes,) = summary["modal"]
+    assert modes["pose_name"] == "config_2" and np.allclose(modes["damping_ratio"], 0.02, rtol=1e-6)
+    assert "bends" in modes["mode_names"][0] and "columns" in modes["mode_names"][1]
+    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in modes["energy_share"])
+    stiffness = 1e3 / np.diag(summary["static"]["tcp"]["compliance_um_per_kN"])
+    assert (stiffness > 10.0).all() and (stiffness < 80.0).all()
