@@ -74,4 +74,4 @@ def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(
         assert np.allclose(found["static_poses"][pose]["tcp"]["displacement"], points["tcp"]["displacement"], rtol=1e-8)
     assert found["mechanism"] == summary["mechanism"]
     # the tripod is held twice over-constrained, as its mobility says
-    assert all("2 held motion(s)" in warning for warning in found["warnings"]) and len(found["warnings"]) == 3
+    assert found["warnings"] and all("2 held motion(s)" in warning for warning in found["warnings"])
