@@ -22,7 +22,7 @@ from headstock.validation.closed_form_cases import (
     check_slender_beam_theory,
     check_torsion_constants,
 )
-from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour
+from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour, check_whole_nonlinear_contour
 from headstock.validation.deep_beam_response import check_harmonic_beam, check_transient_beam
 from headstock.validation.drive_cases import check_friction, check_sampled_control, check_two_masses
 from headstock.validation.estimate_cases import check_frequency_estimates, check_step_estimates
@@ -152,6 +152,13 @@ CASES: tuple[Case, ...] = (
     Case("tripteor-cost", "tripteor", "modes of one configuration and a map of 100 x 100", check_modal_cost),
     Case("tripteor-contouring", "tripteor", "tool gap along x on the faces of the milled block", check_contouring),
     Case("tripteor-contouring-nonlinear", "tripteor", "the start of the contour by the full equations", check_nonlinear_contour),
+    Case(
+        "tripteor-contour-whole",
+        "tripteor",
+        "the whole contour by the full equations",
+        check_whole_nonlinear_contour,
+        on_request=True,
+    ),
     Case("tripteor-stability", "tripteor", "limit depths of the contour face by face", check_contour_stability),
     Case("milling-stability", "milling_stability", "multipliers and limit depths by second roads", check_stability_methods),
     Case(
