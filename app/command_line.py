@@ -157,6 +157,26 @@ def sweep(
 
 
 @app.command()
+def effects(
+    scene: SceneFile,
+    variant: Variant = None,
+    analysis: Names = None,
+    set_: Overrides = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Run a scene with each effect switched the other way: how much it moves every answer, and what it costs."""
+
+    def action() -> int:
+        from headstock.app.effecting import EffectsRequest, effects_request
+        from headstock.pipeline.effect_trials import ScenePlan
+
+        return effects_request(EffectsRequest(ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ())), json))
+
+    return run_guarded(action, debug=debug)
+
+
+@app.command()
 def compare(
     scene: SceneFile,
     variants: Annotated[

@@ -19,7 +19,7 @@ from headstock.solvers.contouring import (
     tool_gaps,
 )
 from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
-from headstock.solvers.milling_forces import cutting_forces
+from headstock.solvers.milling_forces import repeated_forces
 from headstock.solvers.path_drives import PathDrive, follow_path
 from headstock.solvers.regenerative_motion import RegenerativeCut, cutting_phases, march_regenerative
 from headstock.solvers.tool_paths import square_path
@@ -87,10 +87,10 @@ def run_contour(
     motion = linear_motion(model, drive, times, ratios)
     if request.cutting and request.regeneration and record is None:
         history, force = march_regenerative(
-            motion, motion.load, regenerative_cut(request, path.at(times).velocity, times, marks, turn)
+            motion, motion.load, regenerative_cut(request, path.velocity(times), times, marks, turn)
         )
     else:
-        force = _given_force(request, path.at(times).velocity, times, marks, record) @ turn
+        force = _given_force(request, path.velocity(times), times, marks, record) @ turn
         history = march_linear(motion, motion.load + motion.tool_load(force))
     moved = motion.tool_motion(history.give)
     if request.model == "nonlinear":
@@ -105,7 +105,7 @@ def run_contour(
 def tool_force(request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray) -> FloatArray:
     """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over its radius."""
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
-    own = cutting_forces(request.cut, times, feed) * _engagement(request, times, marks)[:, None]
+    own = repeated_forces(request.cut, request.steps_per_turn, feed) * _engagement(request, times, marks)[:, None]
     return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
 
 

@@ -100,9 +100,7 @@ def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray
     motions = linearise_poses(model, states)
     damping = modal_damping(motions, solve_pose_modes(motions), ratios)
     load_nodes = _nodes(times, LOAD_SPACING)
-    none = np.zeros((len(load_nodes), len(model.mechanism.compliant)))
-    guess = drive.rigid_states(load_nodes)
-    rigid = _evaluate(model, drive.at(load_nodes), guess, (none, none), np.zeros((len(load_nodes), 3))).load
+    rigid = np.concatenate([_rigid_load(model, drive, load_nodes[part]) for part in chunk_slices(len(load_nodes))])
     return LinearMotion(
         times=times,
         nodes=nodes,
@@ -123,25 +121,24 @@ def march_linear(
     Raises:
         ConvergenceError: The motion grows without bound, as regeneration can make it.
     """
-    chosen, times = scheme or AlphaScheme(), motion.times
-    h = float(times[1] - times[0])
-    ahead, reach = scheme_matrices(chosen, h)
-    state: FloatArray = np.zeros((4, load.shape[1]))
-    state[0] = load[0] / motion.stiffness[0]
-    history = np.empty((len(times), *state.shape))
+    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
+    method = scheme_matrices(chosen, float(times[1] - times[0]))
+    state: FloatArray = np.zeros(4 * size)
+    state[:size] = load[0] / motion.stiffness[0]
+    history = np.empty((len(times), 4, size))
+    history[0] = state.reshape(4, size)
     delay = 0 if regeneration is None else regeneration.delay
     for part in chunk_slices(len(times)):
         wave = None if regeneration is None else _wave_stiffness(motion, part, regeneration)
-        own, past, inverse = step_matrices(motion, load, part, reach, softer=wave)
-        for row in range(len(own)):
-            n = part.start + row
-            if n > 0:
-                state = ahead @ state
-                acceleration = own[row] - past[row] @ state[:2].reshape(-1)
-                if wave is not None:
-                    acceleration -= inverse[row] @ (wave[row] @ history[max(0, n - delay), 0])
-                state += reach[:, None] * acceleration
-            history[n] = state
+        ahead, own, inverse = step_maps(motion, load, part, method, softer=wave)
+        states = history[part].reshape(-1, 4 * size)
+        for row in range(1 if part.start == 0 else 0, len(own)):
+            state = ahead[row] @ state
+            state += own[row]
+            if wave is not None:
+                past = history[max(0, part.start + row - delay), 0]
+                state -= np.outer(method[1], inverse[row] @ (wave[row] @ past)).ravel()
+            states[row] = state
         if not np.isfinite(state).all():
             raise ConvergenceError(f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable")
     return GiveHistory(history[:, 0], history[:, 1], history[:, 2])
@@ -201,6 +198,11 @@ def drive_forces(
     return np.concatenate(found)
 
 
+def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) -> FloatArray:
+    none = np.zeros((len(times), len(model.mechanism.compliant)))
+    return _evaluate(model, drive.at(times), drive.rigid_states(times), (none, none), np.zeros((len(times), 3))).load
+
+
 def _unbalanced(
     model: CompliantMechanism,
     drive: PathDrive,
@@ -241,25 +243,38 @@ def scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatArr
     return np.array([position, velocity, np.zeros(4), rest]), np.array([h * h * beta * share, h * gamma * share, 1.0, share])
 
 
-def step_matrices(
-    motion: LinearMotion, load: FloatArray, part: slice, reach: FloatArray, *, softer: FloatArray | None = None
+def step_maps(
+    motion: LinearMotion,
+    load: FloatArray,
+    part: slice,
+    method: tuple[FloatArray, FloatArray],
+    *,
+    softer: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """New acceleration of some steps: ``own - past @ (position, velocity)``, and ``(., c, c)`` what one more load adds to it.
+    """Some steps as maps of the state, position after velocity after acceleration after auxiliary: ``new = ahead @ old + own``.
 
     Args:
         motion: The linear model.
         load: ``(n, c)``.
         part: Which steps.
-        reach: From :func:`scheme_matrices`.
+        method: From :func:`scheme_matrices`.
         softer: ``(., c, c)`` stiffness to be taken off [N/m].
+
+    Returns:
+        ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the new acceleration.
     """
+    (old, reach), size = method, load.shape[1]
     mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
-    stiffness = motion.between(motion.stiffness, part)[:, :, None] * np.eye(load.shape[1])
+    stiffness = motion.between(motion.stiffness, part)[:, :, None] * np.eye(size)
     if softer is not None:
         stiffness = stiffness - softer
     inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
-    own = (inverse @ load[part][..., None])[..., 0]
-    return own, inverse @ np.concatenate([stiffness, damping], axis=-1), inverse
+    drift = np.kron(old, np.eye(size))
+    # the new acceleration answers to where the step would lead without one
+    answer = inverse @ (np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size])
+    ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(len(answer), 4 * size, 4 * size)
+    pushed = (inverse @ load[part][..., None])[..., 0]
+    return ahead, (reach[:, None] * pushed[:, None]).reshape(len(pushed), 4 * size), inverse
 
 
 def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:

@@ -89,6 +89,19 @@ def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Floa
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
+def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> FloatArray:
+    """As :func:`cutting_forces` at even steps from time zero, each turn's angles evaluated once where chips grow with the feed."""
+    turn = 2.0 * np.pi / cut.spindle
+    if cut.mill.runout > 0.0 or len(feed) < 2 * steps_per_turn:
+        return cutting_forces(cut, np.arange(len(feed)) * turn / steps_per_turn, feed)
+    instants, one = np.arange(steps_per_turn) * turn / steps_per_turn, float(feed.max(initial=1e-9)) or 1e-9
+    # without runout no chip vanishes before the feed does, so forces are a line in it
+    half, whole = (cutting_forces(cut, instants, np.full(steps_per_turn, share * one)) for share in (0.5, 1.0))
+    slope, edge = 2.0 * (whole - half) / one, 2.0 * half - whole
+    phase = np.arange(len(feed)) % steps_per_turn
+    return np.asarray((slope[phase] * feed[:, None] + edge[phase]) * (feed > 0.0)[:, None])
+
+
 def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Angle of each tooth at the middle of each slice ``(n, teeth, slices)`` [rad], and the lag of each tooth ``(teeth,)``."""
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth

@@ -15,7 +15,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.milling_forces import MillingCut, regeneration_stiffness
 
 ComplexArray = NDArray[np.complexfloating]
@@ -112,10 +111,9 @@ def count_steps(tip: TipDynamics, period: float) -> int:
 
 
 def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
-    """Depth of cut at which the largest multiplier reaches one, by bisection; the deepest where it never does [m].
+    """Depth of cut at which the largest multiplier reaches one, by bisection [m].
 
-    Raises:
-        ConvergenceError: Even the thinnest cut is unstable, as an undamped or unstable system is.
+    The deepest where it never does, zero where the thinnest cut is unstable, as it may be without damping.
     """
     if multiplier(deepest) < 1.0:
         return deepest
@@ -125,7 +123,7 @@ def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
         low, high = (middle, high) if multiplier(middle) < 1.0 else (low, middle)
         if high - low < DEPTH_TOLERANCE * high:
             return 0.5 * (low + high)
-    raise ConvergenceError("no depth of cut is stable: the system is not damped")
+    return 0.0
 
 
 def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float, *, points: int = 40_000) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.contouring import GiveHistory, LinearMotion, chunk_slices, scheme_matrices, step_matrices
+from headstock.solvers.contouring import GiveHistory, LinearMotion, chunk_slices, scheme_matrices, step_maps
 from headstock.solvers.errors import ModelError
 from headstock.solvers.generalized_alpha import AlphaScheme
 from headstock.solvers.milling_forces import MillingCut, engaged, radius_differences, tooth_angles
@@ -85,27 +85,26 @@ def march_regenerative(
     Returns:
         The motion and the ``(n, 3)`` force on the tool [N], ground frame of the chains.
     """
-    chosen, times = scheme or AlphaScheme(), motion.times
-    ahead, reach = scheme_matrices(chosen, float(times[1] - times[0]))
-    state: FloatArray = np.zeros((4, load.shape[1]))
+    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
+    method = scheme_matrices(chosen, float(times[1] - times[0]))
+    (position, *_), reach = method
+    state: FloatArray = np.zeros((4, size))
     state[0] = load[0] / motion.stiffness[0]
-    history, force = np.empty((len(times), *state.shape)), np.zeros((len(times), 3))
+    history, force = np.empty((len(times), 4, size)), np.zeros((len(times), 3))
     place = np.zeros((len(times), 3))
     looks = cut.delay * np.arange(1, WAVES + 1)
     for part in chunk_slices(len(times)):
-        own, past, inverse = step_matrices(motion, load, part, reach)
+        ahead, own, inverse = step_maps(motion, load, part, method)
         tool = motion.between(motion.tool, part)
         for row in range(len(own)):
             n = part.start + row
             if n > 0:
-                drift = ahead @ state
-                acceleration = own[row] - past[row] @ drift[:2].reshape(-1)
+                # the chip is seen where the tool would be with the acceleration of the step before
+                trial = position @ state + reach[0] * state[2]
+                state = (ahead[row] @ state.ravel() + own[row]).reshape(4, size)
                 if cut.share[n] > 0.0:
-                    # the chip is seen where the tool would be with the acceleration of the step before
-                    trial = tool[row] @ (drift[0] + reach[0] * state[2])
-                    force[n] = _cut_force(cut, n, trial - place[np.maximum(n - looks, 0)])
-                    acceleration += inverse[row] @ (force[n] @ tool[row])
-                state = drift + reach[:, None] * acceleration
+                    force[n] = _cut_force(cut, n, tool[row] @ trial - place[np.maximum(n - looks, 0)])
+                    state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
             history[n] = state
             place[n] = tool[row] @ state[0]
     return GiveHistory(history[:, 0], history[:, 1], history[:, 2]), force

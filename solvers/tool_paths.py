@@ -95,6 +95,14 @@ class SmoothPath:
         flat[0][:, 2] = self.height
         return PathPoints(*flat)
 
+    def velocity(self, times: FloatArray) -> FloatArray:
+        """``(n, 3)`` velocities alone, for a third of the work."""
+        primitive = self.raw
+        for _ in range(AVERAGES - 1):
+            primitive = primitive.antiderivative()
+        found = self._averaged(primitive, times)
+        return np.stack([found.real, found.imag, np.zeros(len(times))], axis=-1).astype(float)
+
     def _averaged(self, primitive: PiecewisePath, times: FloatArray) -> ComplexArray:
         weights = [(-1) ** k * math.comb(AVERAGES, k) for k in range(AVERAGES + 1)]
         total = sum(weight * primitive.at(times - k * self.window) for k, weight in enumerate(weights))

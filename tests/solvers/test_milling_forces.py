@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling_forces import CuttingCoefficients, EndMill, MillingCut, cutting_forces, regeneration_stiffness
+from headstock.solvers.milling_forces import (
+    CuttingCoefficients,
+    EndMill,
+    MillingCut,
+    cutting_forces,
+    regeneration_stiffness,
+    repeated_forces,
+)
 
 COEFFICIENTS = CuttingCoefficients((600.46e6, 180.96e6, 90e6), (17.9e3, 20.42e3, 1e3), "test")
 CUT = MillingCut(EndMill(0.02, 4, np.radians(30.0)), COEFFICIENTS, 13000.0 * 2.0 * np.pi / 60.0, 0.01, 0.005)
@@ -49,6 +56,14 @@ def test_an_opposite_helix_pushes_the_tool_up() -> None:
     times, feed = one_turn(CUT, 960)
     left = dataclasses.replace(CUT, mill=dataclasses.replace(CUT.mill, helix=-CUT.mill.helix))
     assert cutting_forces(CUT, times, feed)[:, 2].mean() == pytest.approx(-cutting_forces(left, times, feed)[:, 2].mean(), rel=5e-3)
+
+
+@pytest.mark.parametrize("runout", [0.0, 5e-6])
+def test_turns_evaluated_once_are_those_evaluated_each(runout: float) -> None:
+    cut = dataclasses.replace(CUT, mill=dataclasses.replace(CUT.mill, runout=runout))
+    feed = FEED * np.clip(np.linspace(-0.2, 1.0, 1000), 0.0, 1.0)
+    times = np.arange(1000) * 2.0 * np.pi / cut.spindle / 96
+    assert np.allclose(repeated_forces(cut, 96, feed), cutting_forces(cut, times, feed), rtol=1e-9, atol=1e-6)
 
 
 def test_no_feed_no_force() -> None:

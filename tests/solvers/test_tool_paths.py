@@ -12,6 +12,7 @@ def test_speeds_and_accelerations_are_derivatives_of_the_path() -> None:
     ahead, behind, here = path.at(times + h), path.at(times - h), path.at(times)
     assert np.abs((ahead.position - behind.position) / (2 * h) - here.velocity).max() < 3e-7
     assert np.abs((ahead.velocity - behind.velocity) / (2 * h) - here.acceleration).max() < 1e-3
+    assert np.array_equal(path.velocity(times), here.velocity)
 
 
 def test_positions_carry_no_roundoff_of_their_antiderivatives() -> None:
