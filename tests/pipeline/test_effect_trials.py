@@ -67,7 +67,9 @@ def test_the_command_refuses_what_it_cannot_do(tmp_path: Path, capsys: pytest.Ca
     assert main(["effects", str(tmp_path / "none.toml")]) == 2
 
 
-def test_the_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_what_it_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     target = tmp_path / "effects.json"
     arguments = ["effects", str(SCENE), "--analysis", "static", "--set", 'analyses.static.poses="config_1"', "--json", str(target)]
