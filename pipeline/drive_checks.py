@@ -23,6 +23,7 @@ def check_drives(scene: SceneTable, findings: Findings) -> None:
             findings.add(("drives", name, "scale"), f"unknown point {table.scale[:80]!r}; {hint}")
     _check_effects(scene, findings)
     _check_analysis(scene, findings)
+    _check_path(scene, findings)
 
 
 def driven_axis(name: str, table: DriveTable) -> str:
@@ -92,6 +93,24 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
             findings.add(("effects", effect), f"{effect} is part of moving drives; switch drive_control on too")
         elif not has:
             findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
+
+
+def _check_path(scene: SceneTable, findings: Findings) -> None:
+    """Under control every axis that a path moves needs a drive."""
+    path = scene.analyses.path
+    if path is None:
+        if scene.effects.get(FRICTION, False) is not False:
+            findings.add(("effects", FRICTION), "friction acts in runs in time, and the scene asks for none; add [analyses.path]")
+        return
+    if scene.effects.get(DRIVE_CONTROL, False) is False:
+        return
+    driven = {driven_axis(name, table) for name, table in scene.drives.items()}
+    for axis, end in path.to.items():
+        start = path.start.get(axis)
+        if axis in scene.axes and axis not in driven and (start is None or start.value != end.value):
+            findings.add(
+                ("analyses", "path", "to", axis), f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]"
+            )
 
 
 def _check_analysis(scene: SceneTable, findings: Findings) -> None:

@@ -1,7 +1,7 @@
 """Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import h5py
@@ -75,6 +75,8 @@ class PathResult:
         slow_hz: Modes below sway.
         slow_count: How many these are.
         runs: One per feed.
+        drives: Drives under control; empty where motors follow their set points.
+        energy_error: By feed, what the balance of energy misses, of its largest part; where friction acts.
     """
 
     start: dict[str, float]
@@ -89,11 +91,13 @@ class PathResult:
     slow_hz: float
     slow_count: int
     runs: tuple[PathRun, ...]
+    drives: tuple[str, ...] = ()
+    energy_error: dict[str, float] = field(default_factory=dict)
 
 
 def summarise_path(found: PathResult) -> Json:
     """The entry in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
-    summary = {field.name: getattr(found, field.name) for field in dataclasses.fields(found) if field.name != "runs"}
+    summary = {item.name: getattr(found, item.name) for item in dataclasses.fields(found) if item.name != "runs"}
     return summary | {"feeds": [_summarise_run(run) for run in found.runs]}
 
 

@@ -51,6 +51,7 @@ class RunState:
     map: Json | None = None
     contouring: Json | None = None
     path: PathResult | None = None
+    energy_errors: dict[str, float] = field(default_factory=dict)
     control: dict[str, Json] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)

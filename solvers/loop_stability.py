@@ -56,7 +56,7 @@ def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
     real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
     floor = AT_REST * float(np.abs(np.linalg.eigvals(loop.plant.a)).max(initial=0.0))
     # a machine that floats has double poles at zero, which rounding splits
-    kept = np.flatnonzero((real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if _floats(loop) else 0.0)))
+    kept = np.flatnonzero((real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if has_free_motions(loop) else 0.0)))
     kept = kept[np.argsort(np.abs(poles[kept]), kind="stable")]
     poles = np.where(real, poles.real + 0.0j, poles)[kept]
     shapes = vectors[:, kept]
@@ -172,8 +172,8 @@ def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: Dr
     return "no smaller kv or velocity_gain is stable either; check encoder, dead time, and the damping of the machine"
 
 
-def _floats(loop: ClosedLoop) -> bool:
+def has_free_motions(loop: ClosedLoop) -> bool:
     """Whether more motions of the machine are free than its drives hold."""
-    pairs = loop.plant.pairs
-    squares = np.zeros(0) if pairs is None else pairs.squares
-    return int(np.count_nonzero(squares == 0.0)) > len(loop.trains)
+    # each mode is (s p, p') with p'' = -omega^2 p
+    restoring = loop.plant.a[1::2, 0::2].diagonal()
+    return int(np.count_nonzero(restoring == 0.0)) > len(loop.trains)

@@ -176,3 +176,43 @@ def test_a_gain_just_below_the_largest_that_was_named_is_stable(tmp_path: Path) 
     below = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{0.999 * largest!r} 1/s")), tmp_path)
     above = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{1.002 * largest!r} 1/s")), tmp_path)
     assert (below["status"], above["status"]) == ("done", "failed")
+
+
+PATH = """
+[analyses.path]
+from = { X = "-10 mm" }
+to = { X = "10 mm" }
+feeds = ["600 mm/min", "3000 mm/min"]
+time_constant = "50 ms"
+ring_down = "100 ms"
+"""
+
+
+def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, ("[analyses.control]", PATH))
+    found = run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    assert found.path is not None
+    assert found.path.drives == ("X",)
+    curves = [run.curves for run in found.path.runs]
+    along = [port for port in curves[0].outputs if port[1] == "x"]
+    column = curves[0].outputs.index(along[0])
+    slow, fast = (float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves)
+    assert slow == pytest.approx(0.01 / 50.0, rel=1e-2)
+    assert fast == pytest.approx(5.0 * slow, rel=1e-2)
+
+
+def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
+    path = write_scene(
+        tmp_path,
+        ("[analyses.control]", PATH.replace('"600 mm/min", ', "")),
+        ("drive_control = true", "drive_control = true\nfriction = true"),
+        ('integral_time = "20 ms"', 'integral_time = "20 ms"\nfriction = { coulomb = "20 N", breakaway = "30 N" }'),
+    )
+    summary = summary_of(path, tmp_path)
+    assert summary["path"]["energy_error"]["3000 mm/min"] < 1e-6
+
+
+def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None:
+    summary = summary_of(write_scene(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
+    assert summary["failures"][0].startswith("path analysis: the control of axis X is unstable")
+    assert "path" not in summary

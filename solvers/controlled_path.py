@@ -1,0 +1,150 @@
+"""Deviation from a path of a machine whose motors are under control: what lags, what follows, what sways and what rings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.drive_loops import ClosedLoop, set_ports
+from headstock.solvers.driven_motion import DrivenMotion, solve_motion
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear_time_response import solve_stepped_response
+from headstock.solvers.loop_stability import has_free_motions
+from headstock.solvers.path_response import PathDeviation, step_times
+from headstock.solvers.set_points import SetPoint, list_breaks, sample_move, step_accelerations
+from headstock.solvers.state_space import StateSpace
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledPath:
+    """A closed loop along a straight path.
+
+    Attributes:
+        loop: Closed; its first outputs are those wanted.
+        shares: Travel of each driven axis per travel along the path [-].
+        travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the path.
+        slow_hz: Poles below this size sway [Hz].
+    """
+
+    loop: ClosedLoop
+    shares: Mapping[str, float]
+    travel: FloatArray
+    slow_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The states as ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what rings about it.
+
+    Attributes:
+        place: X_s ``(n,)``: at rest, per travel.
+        speed: X_v: at constant speed.
+        pull: X_a: at constant acceleration.
+        inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
+        slow: ``(n, n)`` projector on the slow poles.
+    """
+
+    place: FloatArray
+    speed: FloatArray
+    pull: FloatArray
+    inputs: FloatArray
+    slow: FloatArray
+
+
+def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
+    """Deviation over a move by exact discretisation; the way and the speed are states, driven by the acceleration alone.
+
+    Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow poles; sway is the part of the slow
+    poles; dynamic is the ringing of the others.
+
+    Args:
+        path: The loop and its path.
+        move: Along it.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+
+    Raises:
+        ModelError: The machine floats, so that no acceleration can last.
+
+    Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``, ``xi' = A xi - X_a a'``.
+    """
+    motion = _split(path)
+    space, count = path.loop.space, len(path.travel)
+    rows, size = space.c[:count], len(space.a)
+    a = np.zeros((size + 2, size + 2))
+    a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
+    a[size, size + 1] = 1.0
+    b = np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None]
+    slow = rows @ motion.slow
+    c = np.vstack(
+        [
+            np.hstack([rows, -path.travel[:, None], np.zeros((count, 1))]),
+            np.hstack([slow, -(slow @ motion.place)[:, None], -(slow @ motion.speed)[:, None]]),
+        ]
+    )
+    whole = StateSpace(a, b, c, np.zeros((2 * count, 1)), (), (), ())
+    times, places = step_times(move, samples)
+    found = solve_stepped_response(whole, times, step_accelerations(move, times)[:, :, None]).outputs[places]
+    follows = _follow(path, motion, move, samples)
+    total, sway = found[:, :count], found[:, count:]
+    return PathDeviation(samples, total, follows, sway, total - follows - sway)
+
+
+def solve_rubbing_path(path: ControlledPath, move: SetPoint, samples: FloatArray) -> tuple[PathDeviation, DrivenMotion]:
+    """The same with friction in the guides, by a stiff integrator; what friction does counts as dynamic.
+
+    Args:
+        path: Its loop is closed with ``friction_ports`` as its inputs.
+        move: Along it.
+        samples: ``(n,)`` from zero [s].
+
+    Raises:
+        ConvergenceError: The integrator gave up.
+    """
+    linear = solve_controlled_path(path, move, samples)
+    cosines = [path.shares.get(axis, 0.0) for axis, kind in set_ports(path.loop.trains) if kind == "position"]
+
+    def given(instant: float) -> FloatArray:
+        now = sample_move(move, np.array([instant]))
+        own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
+        return np.concatenate([share * own for share in cosines])
+
+    found = solve_motion(path.loop, given, samples, breaks=list_breaks(move))
+    way = sample_move(move, samples).positions
+    total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
+    return PathDeviation(samples, total, linear.quasi_static, linear.sway, total - linear.quasi_static - linear.sway), found
+
+
+def _split(path: ControlledPath) -> _Motion:
+    space = path.loop.space
+    if has_free_motions(path.loop):
+        raise ModelError("the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount")
+    kinds = [space.b[:, number] * path.shares.get(axis, 0.0) for number, (axis, _) in enumerate(set_ports(path.loop.trains))]
+    inputs = np.column_stack([np.sum(kinds[kind::3], axis=0) for kind in range(3)])
+    factors = scipy.linalg.lu_factor(space.a)
+    place = scipy.linalg.lu_solve(factors, -inputs[:, 0])
+    speed = scipy.linalg.lu_solve(factors, place - inputs[:, 1])
+    pull = scipy.linalg.lu_solve(factors, speed - inputs[:, 2])
+    return _Motion(place, speed, pull, inputs, _slow_projector(space.a, 2.0 * np.pi * path.slow_hz))
+
+
+def _follow(path: ControlledPath, motion: _Motion, move: SetPoint, samples: FloatArray) -> FloatArray:
+    """What speed and acceleration hold ``(n, n_outputs)``."""
+    rows = path.loop.space.c[: len(path.travel)]
+    now = sample_move(move, samples)
+    pull = rows @ (motion.pull - motion.slow @ motion.pull)
+    return np.asarray(np.outer(now.speeds, rows @ motion.speed) + np.outer(now.accelerations, pull))
+
+
+def _slow_projector(a: FloatArray, limit: float) -> FloatArray:
+    """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
+
+    Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a Sylvester equation.
+    """
+    triangular, basis, count = scipy.linalg.schur(a, output="real", sort=lambda re, im: bool(np.hypot(re, im) < limit))
+    first, rest = slice(0, count), slice(count, None)
+    if count in (0, len(a)):
+        return np.eye(len(a)) if count else np.zeros_like(a)
+    parting = scipy.linalg.solve_sylvester(triangular[first, first], -triangular[rest, rest], -triangular[first, rest])
+    return np.asarray(basis[:, first] @ np.hstack([np.eye(count), -parting]) @ basis.T)
