@@ -17,6 +17,7 @@ from headstock.app.frf_tables import tabulate_response
 from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_contour import draw_contour
+from headstock.app.report_control import draw_poles
 from headstock.app.report_frf import draw_response, has_more_fields
 from headstock.app.report_map import draw_map, map_layers
 from headstock.app.report_notes import judge_numbers
@@ -213,7 +214,13 @@ def report_environment() -> jinja2.Environment:
     environment.filters |= filters
     drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
-    drawing |= {"draw_map": draw_map, "map_layers": map_layers, "draw_contour": draw_contour, "draw_path": draw_path}
+    drawing |= {
+        "draw_map": draw_map,
+        "map_layers": map_layers,
+        "draw_contour": draw_contour,
+        "draw_poles": draw_poles,
+        "draw_path": draw_path,
+    }
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

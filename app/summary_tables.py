@@ -43,6 +43,7 @@ def list_tables(summary: Json) -> list[PlainTable]:
     tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
     if "contouring" in summary:
         tables.append(_contour_table(summary["contouring"]["series"]))
+    tables += [_pole_table(pose, control) for pose, control in summary.get("control", {}).items()]
     if "map" in summary:
         tables.append(_map_table(summary["map"]))
     return tables
@@ -55,6 +56,12 @@ def _contour_table(series: Json) -> PlainTable:
     headings = ("time [s]", *(heading for _, names in columns for heading in names))
     rows = zip(series["time_s"], *(series[key] for key, _ in columns), strict=True)
     return PlainTable("contour", headings, tuple((time, *(value for part in parts for value in part)) for time, *parts in rows))
+
+
+def _pole_table(pose: str, control: Json) -> PlainTable:
+    keys = ("frequency_hz", "damping_ratio", "real", "imag", "drive", "name")
+    headings = ("frequency [Hz]", "damping ratio", "real [rad/s]", "imaginary [rad/s]", "drive", "motion")
+    return PlainTable(f"poles_{file_stem(pose)}", headings, tuple(tuple(pole[key] for key in keys) for pole in control["poles"]))
 
 
 def _map_table(found: Json) -> PlainTable:

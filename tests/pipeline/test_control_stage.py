@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.app.report import render_report
 from headstock.meshing.component_meshing import describe_component
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.results import summarise
@@ -157,6 +158,15 @@ def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
     drive = control["drives"]["X"]
     assert drive["velocity_lag_um"] == pytest.approx(0.05 / 50.0 * 1e6, rel=1e-9)
     assert drive["margins"]["bandwidth_hz"] > 1.0
+
+
+def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
+    summary = summary_of(write_scene(tmp_path), tmp_path)
+    page = render_report(summary)
+    poles = summary["control"]["reference"]["poles"]
+    assert page.count("<circle") >= len(poles)
+    assert 'download="poles_reference.csv"' in page
+    assert "Phase margin" in page
 
 
 def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path: Path) -> None:
