@@ -36,7 +36,7 @@ Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", h
 
 
 def _list_campaigns() -> list[str]:
-    return ["kill", "disk", "fuzz", "files"]
+    return ["kill", "disk", "fuzz", "files", "slurm"]
 
 
 def _list_shells() -> list[str]:
@@ -143,15 +143,33 @@ def sweep(
     set_: Overrides = None,
     ranks: Ranks = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
+    on: Annotated[str | None, typer.Option("--on", metavar="slurm", help="Compute in an array job of this cluster.")] = None,
+    tasks: Annotated[int, typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks.")] = 4,
+    partition: Annotated[str | None, typer.Option("--partition", metavar="NAME", help="With --on: where to.")] = None,
+    time_limit: Annotated[
+        str | None, typer.Option("--time", metavar="LIMIT", help="With --on: of each task, as in 0:30:00.")
+    ] = None,
+    sbatch: Annotated[
+        list[str] | None, typer.Option("--sbatch", metavar="OPTION", help="With --on: as in --sbatch=--account=ours; repeatable.")
+    ] = None,
+    no_wait: Annotated[bool, typer.Option("--no-wait", help="With --on: submit only; the same command again collects.")] = False,
+    part: Annotated[str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")] = None,
+    key: Annotated[str | None, typer.Option("--key", hidden=True, help="Of the sweep that was submitted.")] = None,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
     """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it was."""
+    if on not in (None, "slurm"):
+        raise click.UsageError(f"--on {on} is not known; write --on slurm")
 
     def action(comm: "MPI.Comm") -> int:
+        from headstock.app.sweep_parts import parse_part
         from headstock.app.sweeping import SweepRequest, sweep_request
+        from headstock.pipeline.slurm_jobs import SlurmOptions
 
-        return sweep_request(SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json), comm)
+        options = SlurmOptions(tasks, ranks or 1, partition, time_limit, tuple(sbatch or ()))
+        cluster = (options if on else None, not no_wait, parse_part(part) if part else None, key)
+        return sweep_request(SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json, *cluster), comm)
 
     return run_guarded(action, debug=debug)
 
@@ -381,13 +399,15 @@ def schema(
 
 @app.command()
 def campaign(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz or files.", autocompletion=_list_campaigns)],
-    runs: Annotated[int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500].")] = None,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz, files or slurm.", autocompletion=_list_campaigns)],
+    runs: Annotated[
+        int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500, 4].")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 1,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Try faults on purpose: killed runs, full disks, damaged scenes, damaged files."""
+    """Try faults on purpose: killed runs, full disks, damaged scenes, damaged files, disturbed jobs of a real Slurm."""
 
     def action() -> int:
         from headstock.app.campaigning import run_campaign

@@ -1,6 +1,7 @@
 """``headstock sweep``: the analyses of a scene in every pose of a sweep."""
 
 import contextlib
+import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,15 +9,18 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.cluster_sweeping import ClusterRequest, sweep_on_slurm
 from headstock.app.console import print_stage
 from headstock.app.guard import DONE, FAILED
 from headstock.app.running import require_ranks
 from headstock.app.sweep_listing import print_sweep, print_sweep_header
+from headstock.app.sweep_parts import compute_part
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.results import dump_json
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.slurm_jobs import SlurmOptions
 from headstock.pipeline.sweep_builder import check_sweep_carriages
 from headstock.pipeline.sweep_files import summarise_sweep, write_sweep
 from headstock.pipeline.sweep_results import collect_results
@@ -25,7 +29,7 @@ from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, select_anal
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What the command line asked for."""
+    """What the command line asked for; a part only in a task of an array job, whose key says what was submitted."""
 
     scene: Path
     name: str
@@ -35,6 +39,10 @@ class SweepRequest:
     ranks: int | None
     retry: bool
     json_file: Path | None
+    cluster: SlurmOptions | None = None
+    wait: bool = True
+    part: Part | None = None
+    key: str | None = None
 
 
 def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
@@ -46,8 +54,12 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
         HeadstockError: A component cannot be reduced, or a file cannot be written.
     """
     start = time.perf_counter()
+    if request.cluster is not None:
+        return _sweep_elsewhere(request, request.cluster, comm)
     require_ranks(request.ranks, comm)
     job = share_from_root(comm, _make_job(request) if comm.rank == 0 else None)
+    if request.part is not None:
+        return compute_part(job, request.key, comm)
     with claim_output(job.folder) if comm.rank == 0 else contextlib.nullcontext():
         if comm.rank == 0:
             print_sweep_header(job, ranks=comm.size)
@@ -63,6 +75,15 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
             failed = bool(results.failed)
     return int(share_from_root(comm, FAILED if failed else DONE))
+
+
+def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm) -> int:
+    here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
+    words = [word for text in request.overrides for word in ("--set", text)]
+    words += ["--variant", request.variant] if request.variant else []
+    words += ["--retry"] if request.retry else []
+    cluster = ClusterRequest(options, tuple(words), request.retry, request.wait)
+    return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm))
 
 
 def _make_job(request: SweepRequest) -> SweepJob:
@@ -81,4 +102,4 @@ def _make_job(request: SweepRequest) -> SweepJob:
     findings.raise_if_any()
     stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
     folder = request.output or Path("results") / stem
-    return SweepJob(select_analyses(scene), sweep, folder, Part(), request.retry)
+    return SweepJob(select_analyses(scene), sweep, folder, request.part or Part(), request.retry)

@@ -3,7 +3,10 @@
 suite=trixie
 need_kb=4500000
 
-packages() { grep -v -e '^#' -e '^$' "$project/environment/packages.txt"; }
+# lists of packages: those of the program, and what a command needs besides
+package_lists=$project/environment/packages.txt
+
+packages() { printf '%s\n' "$package_lists" | while read -r list; do grep -v -e '^#' -e '^$' "$list"; done; }
 
 root_path() {
     key=$({ echo "layout 1 $suite"; packages; } | sha256sum | cut -c1-12)

@@ -14,6 +14,9 @@ while [ $# -gt 0 ]; do
                 mount --rbind -- "$2" "$view$3"
             fi
             shift 3 ;;
+        --proc) mount -t proc proc "$view$2"; shift 2 ;;
+        --tmpfs) mount -t tmpfs -o mode=755 tmpfs "$view$2"; shift 2 ;;
+        --hostname) hostname "$2"; shift 2 ;;
         --chdir) folder=$2; shift 2 ;;
         *) break ;;
     esac

@@ -49,12 +49,13 @@ enter_root() {
         if [ -d "$top" ] && ! system_folder "${top#/}"; then set -- --bind "$(readlink -f -- "$top")" "$top" "$@"; fi
     done
     # the host's own /proc: a fresh one lacks files in some containers
-    set -- --bind "$root" / --dev-bind /dev /dev --dev-bind /proc /proc --ro-bind /sys /sys --bind /var/tmp /var/tmp "$@"
+    set -- --bind "$root" / --dev-bind /dev /dev --dev-bind /proc /proc --ro-bind /sys /sys --bind /var/tmp /var/tmp ${own_places:-} "$@"
     if [ -n "$dry_run" ]; then printf '%s\n' bwrap --chdir "$PWD" "$@"; return; fi
     choose_entrance
     # no exec: the program ends with this shell, and not when the shell that started this one closes
     case $entrance in
         bwrap) PATH=$inner_path "$(command -v bwrap)" --die-with-parent --chdir "$PWD" "$@" ;;
+        slurm) enter_slurm_root "$@" ;;
         chroot) PATH=$inner_path unshare --mount --propagation private sh "$project/environment/chroot.sh" --chdir "$PWD" "$@" ;;
     esac
 }

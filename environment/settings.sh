@@ -1,17 +1,18 @@
 # Sourced by ../headstock: ranks, threads, MPI and the paths Python looks in.
 
 # ranks_asked_for ARGS: the N of --ranks N; 1 when there is none, when it is no number (the program says what is wrong with it)
-# or when an mpirun of the caller's already started us.
+# when the ranks are those of a job on a cluster (--on), or when an mpirun of the caller's already started us.
 ranks_asked_for() {
-    asked=1 previous=
+    asked=1 previous= elsewhere=
     for word; do
+        case $word in --on | --on=*) elsewhere=1 ;; esac
         case $word in --ranks=*) asked=${word#--ranks=} ;; esac
         [ "$previous" != --ranks ] || asked=$word
         [ "$word" != -- ] || break
         previous=$word
     done
     case $asked in '' | *[!0-9]* | ?????*) asked=1 ;; esac
-    [ -z "${OMPI_COMM_WORLD_SIZE:-}" ] || asked=1
+    [ -z "${OMPI_COMM_WORLD_SIZE:-}$elsewhere" ] || asked=1
     echo "$asked"
 }
 

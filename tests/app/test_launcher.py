@@ -163,6 +163,30 @@ def test_ranks_are_started_by_mpirun_inside_the_root(host: Host, ranks: list[str
     assert words[start + 12 :] == ["run", "x.toml", *ranks]
 
 
+def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
+    for on in (["--on", "slurm"], ["--on=slurm"]):
+        assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", "--ranks", "2", *on)
+        assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", *on, "--ranks=2")
+
+
+def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(host: Host) -> None:
+    host.write("id", "#!/bin/sh\necho 0\n")
+    usual, words = dry(host, "campaign", "kill"), dry(host, "campaign", "slurm", "--runs", "1")
+    roots = [next(source for source, target in binds(found) if target == "/") for found in (usual, words)]
+    assert roots[0] != roots[1]
+    at = words.index("--proc")
+    assert words[at : at + 6] == ["--proc", "/proc", "--tmpfs", "/run", "--hostname", "localhost"]
+    assert words[-4:] == ["campaign", "slurm", "--runs", "1"]
+
+
+def test_slurm_is_not_started_by_an_ordinary_user(host: Host) -> None:
+    host.ordinary_user()
+    done = run([ROOT / "headstock", "campaign", "slurm"], host.environment())
+    assert done.returncode == 1
+    assert "needs root: sudo" in done.stderr
+    assert host.builds() == 0
+
+
 @pytest.mark.parametrize("ranks", [["--ranks", "1"], ["--ranks", "many"], ["--ranks"], ["--ranks", "-2"], ["--ranks", "99999"]])
 def test_one_rank_or_nonsense_starts_no_mpirun(host: Host, ranks: list[str]) -> None:
     assert "/usr/bin/mpirun" not in dry(host, "run", "x.toml", *ranks)
