@@ -144,7 +144,7 @@ def sweep(
     ranks: Ranks = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
     on: Annotated[str | None, typer.Option("--on", metavar="slurm", help="Compute in an array job of this cluster.")] = None,
-    tasks: Annotated[int, typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks.")] = 4,
+    tasks: Annotated[int | None, typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4].")] = None,
     partition: Annotated[str | None, typer.Option("--partition", metavar="NAME", help="With --on: where to.")] = None,
     time_limit: Annotated[
         str | None, typer.Option("--time", metavar="LIMIT", help="With --on: of each task, as in 0:30:00.")
@@ -161,13 +161,15 @@ def sweep(
     """Repeat a scene's analyses in every pose of a sweep; one that was stopped goes on where it was."""
     if on not in (None, "slurm"):
         raise click.UsageError(f"--on {on} is not known; write --on slurm")
+    if on is None and (tasks or partition or time_limit or sbatch or no_wait):
+        raise click.UsageError("--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm")
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.sweep_parts import parse_part
         from headstock.app.sweeping import SweepRequest, sweep_request
         from headstock.pipeline.slurm_jobs import SlurmOptions
 
-        options = SlurmOptions(tasks, ranks or 1, partition, time_limit, tuple(sbatch or ()))
+        options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
         cluster = (options if on else None, not no_wait, parse_part(part) if part else None, key)
         return sweep_request(SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json, *cluster), comm)
 

@@ -107,6 +107,15 @@ def test_an_array_that_is_still_in_the_queue_is_not_submitted_again(
     assert (slurm / "calls").read_text() != calls
 
 
+def test_elastic_parts_are_reduced_by_a_job_that_has_to_succeed_first(slurm: Path, tmp_path: Path) -> None:
+    (slurm / "bad").write_text("later")
+    machine = str(ROOT / "machines" / "three_axis.toml")
+    assert main(["sweep", machine, "workspace", "-o", str(tmp_path / "far"), "--on", "slurm", "--tasks", "2", "--no-wait"]) == 0
+    first, second = (slurm / "calls").read_text().splitlines()
+    assert first == "--parsable --array=0"
+    assert second == "--parsable --array=1,2 --dependency=afterok:1 --kill-on-invalid-dep=yes"
+
+
 def test_a_plain_sweep_computes_what_the_array_did_not(slurm: Path, tmp_path: Path) -> None:
     (slurm / "bad").write_text("later")
     assert sweep(tmp_path / "far", "--on", "slurm", "--no-wait") == 0
@@ -131,6 +140,7 @@ def test_bad_scenes_and_options_are_refused_before_anything_is_submitted(slurm: 
         ("--on", "moon"),
         ("--on", "slurm", "--set", 'sweeps.line.axes={ X = ["-900 mm", "200 mm", 9] }'),
         ("--on", "slurm", "--tasks", "0"),
+        ("--partition", "long"),
         ("--part", "4/3"),
     ):
         assert sweep(tmp_path / "far", *words) == 2
