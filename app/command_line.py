@@ -84,18 +84,21 @@ def run(
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second.")
     ] = False,
-    accuracy: Annotated[str | None, typer.Option("--accuracy", metavar="SHARE", help="Not available in this version.")] = None,
+    accuracy: Annotated[
+        str | None,
+        typer.Option("--accuracy", metavar="SHARE", help="Choose meshes and modes so that no number is off by more, such as 1%."),
+    ] = None,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
     """Run a scene: static compliance with its budget, natural modes, and what each cost."""
-    if accuracy is not None:
-        raise click.UsageError("--accuracy is not available in this version; choose mesh sizes and modes in the scene")
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.running import RunRequest, run_request
 
-        request = RunRequest(scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures)
+        request = RunRequest(
+            scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures, accuracy
+        )
         return run_request(request, comm)
 
     return run_guarded(action, debug=debug)

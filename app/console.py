@@ -13,6 +13,7 @@ from rich.text import Text
 
 from headstock.app.control_tables import list_control
 from headstock.app.error_texts import (
+    accuracy_words,
     print_error_shares,
     print_response_error,
     show_error,
@@ -99,6 +100,8 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
     for pose, control in summary.get("control", {}).items():
         for title, headings, rows in list_control(pose, control):
             _print_rows(console, title, headings, rows)
+    for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
+        console.print(words, markup=False)
     _print_warnings(console, summary["warnings"])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)

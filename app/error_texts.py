@@ -88,3 +88,15 @@ def print_response_error(console: Console, response: Json) -> None:
     words = response_error_words(response)
     if words:
         console.print(f"  {words}", markup=False)
+
+
+def accuracy_words(accuracy: Json) -> list[str]:
+    """How settings were chosen for an accuracy: what was asked for, what is reached, and with which settings."""
+    rounds, reached = accuracy["rounds"], accuracy["estimated"]
+    last = rounds[-1]["quantity"]
+    known = "an unknown amount" if reached is None else f"{100.0 * reached:.2g} %"
+    settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
+    state = "met" if accuracy["met"] else "not met"
+    count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
+    words = f"accuracy {100.0 * accuracy['asked']:g} % {state} in {count}: {last} within {known}, the others closer"
+    return [words, *([settings] if settings else [])]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from headstock.app.error_texts import accuracy_words
 from headstock.pipeline.results import Json
 
 
@@ -17,6 +18,8 @@ def judge_numbers(summary: Json) -> list[Note]:
     """Notes on the results that a summary holds, and only on those."""
     fidelities = {facts["fidelity"] for facts in summary["components"].values()}
     notes = []
+    if "accuracy" in summary:
+        notes.append(Note("Accuracy", ". ".join(accuracy_words(summary["accuracy"])) + "."))
     if summary["static"]:
         notes.append(_judge_compliance(summary))
     if summary["modal"]:

@@ -36,6 +36,7 @@ class RunRequest:
     ranks: int | None
     json_file: Path | None
     figures: bool = True
+    accuracy: str | None = None
 
 
 def run_request(request: RunRequest, comm: MPI.Comm) -> int:
@@ -119,4 +120,8 @@ def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm) -> Results:
 
 def _load(request: RunRequest) -> Scene:
     scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    if request.accuracy is not None:
+        # what the scene allows beside the number stays as it is
+        key = "accuracy" if scene.accuracy is None else "accuracy.to"
+        scene = load_scene(request.scene, variant=request.variant, overrides=(*request.overrides, f"{key}={request.accuracy}"))
     return select_analyses(scene, request.analyses)

@@ -99,6 +99,7 @@ NOTES = {
     "carriage unless given",
     "Mesh.size": "target element size; from the solid's shape unless given",
     "Mesh.order": "1 locks in bending and is refused or warned of",
+    "Mesh.across_patches": "least number of elements across a patch on a face; elements grow from there",
     "Mesh.force": "accept elements of order 1 where they lock grossly (drawn out, or in a thin part), to study just that",
     "Mesh.cells": "`hex` for boxes only",
     "Reduction.modes_to": "keep fixed-interface modes up to this frequency",

@@ -70,13 +70,15 @@ class Interface:
 class MeshSettings:
     """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape.
 
-    ``force`` accepts elements of order 1 where they lock so much that they are refused otherwise.
+    ``across_patches`` is the least number of elements across a patch that is imprinted on a face. ``force`` accepts elements of order 1
+    where they lock so much that they are refused otherwise.
     """
 
     size: float | None = None
     order: int = 2
     cells: CellShape = "tet"
     force: bool = False
+    across_patches: int = 4
 
 
 @dataclass(frozen=True)

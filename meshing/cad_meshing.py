@@ -137,7 +137,18 @@ def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
 
 def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float) -> OpenShape:
     low, high = shape_bounds(volume)
-    return OpenShape(volume, solid, tuple(boundary_faces(volume)), low, high, size, job.unit, job.refinement, polygons=job.straight)
+    return OpenShape(
+        volume,
+        solid,
+        tuple(boundary_faces(volume)),
+        low,
+        high,
+        size,
+        job.unit,
+        job.across_patches,
+        job.refinement,
+        polygons=job.straight,
+    )
 
 
 def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:

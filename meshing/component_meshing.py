@@ -133,6 +133,30 @@ def element_size(component: Component) -> float:
     return round_length(default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid)))
 
 
+def automatic_size(component: Component) -> float:
+    """Element size that the sizing rules choose for a component, whatever it asks for [m].
+
+    Raises:
+        MeshError: A STEP file cannot be read.
+    """
+    asked = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, size=None))
+    if isinstance(component.solid, StepFile):
+        return run_shape_job(asked, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).size
+    return element_size(asked)
+
+
+def count_hexes(component: Component, size: float) -> int:
+    """Number of hexes of a box with grid lines along its patches.
+
+    Raises:
+        MeshError: A patch cannot follow the grid.
+    """
+    if not isinstance(component.solid, Box):
+        raise ValueError("only boxes are meshed with hexes")
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    return count_grid_cells(grid_lines(component.solid, patches, size))
+
+
 def patch_groups(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> Groups:
     """Patches of every group of a component, by group name."""
     groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
@@ -158,6 +182,7 @@ def run_shape_job(
         unit=scale,
         size=None if size is None else round_length(size / scale),
         refinement=refinement,
+        across_patches=component.mesh.across_patches,
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )
@@ -208,10 +233,12 @@ def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
     box = Box(tuple(round_length(side) for side in component.solid.size))  # type: ignore[arg-type]
     size = element_size(component)
     try:
-        count = count_grid_cells(grid_lines(box, [patch for patches in groups.values() for patch in patches], size))
+        count = count_grid_cells(
+            grid_lines(box, [patch for patches in groups.values() for patch in patches], size, component.mesh.across_patches)
+        )
         if count > CELL_BUDGET:
             raise MeshError(budget_message(count, size))
-        return mesh_box_grid(box, groups, size=size, order=component.mesh.order)
+        return mesh_box_grid(box, groups, size=size, order=component.mesh.order, across=component.mesh.across_patches)
     except MeshError as error:
         raise MeshError(f"{what}: {error}") from error
 

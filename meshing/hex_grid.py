@@ -13,12 +13,11 @@ from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.element_topology import reference_nodes
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshData
-from headstock.meshing.sizing import ELEMENTS_ACROSS_PATCH
 
 MERGE_TOLERANCE = 1e-9
 
 
-def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: float, order: int) -> MeshData:
+def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: float, order: int, across: int = 4) -> MeshData:
     """Mesh a box with 8- or 27-node hexes.
 
     Args:
@@ -26,11 +25,12 @@ def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: floa
         groups: Patches of each group: whole faces, rects and strips.
         size: Largest element side [m].
         order: 1 or 2.
+        across: Least number of elements across a patch.
 
     Raises:
         MeshError: A patch is a disk or lies on no face of the box.
     """
-    lines = grid_lines(box, (patch for patches in groups.values() for patch in patches), size)
+    lines = grid_lines(box, (patch for patches in groups.values() for patch in patches), size, across)
     points, cells = _grid_cells(lines, order)
     facets = {
         name: np.concatenate([_patch_facets(box, lines, patch, order) for patch in patches]) for name, patches in groups.items()
@@ -39,7 +39,7 @@ def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: floa
     return MeshData(points, cells, kind, facets, size=size)
 
 
-def grid_lines(box: Box, patches: Iterable[Patch], size: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def grid_lines(box: Box, patches: Iterable[Patch], size: float, across: int = 4) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes between them."""
     low, high = _corners(box)
     cuts: list[list[float]] = [[low[axis], high[axis]] for axis in range(3)]
@@ -49,7 +49,11 @@ def grid_lines(box: Box, patches: Iterable[Patch], size: float) -> tuple[FloatAr
             if (start, end) != (low[axis], high[axis]):
                 cuts[axis] += [start, end]
                 narrow[axis].append((start, end))
-    return (_spread(cuts[0], narrow[0], size), _spread(cuts[1], narrow[1], size), _spread(cuts[2], narrow[2], size))
+    return (
+        _spread(cuts[0], narrow[0], size, across),
+        _spread(cuts[1], narrow[1], size, across),
+        _spread(cuts[2], narrow[2], size, across),
+    )
 
 
 def count_grid_cells(lines: Sequence[FloatArray]) -> int:
@@ -62,7 +66,7 @@ def _corners(box: Box) -> tuple[FloatArray, FloatArray]:
     return np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z])
 
 
-def _spread(cuts: list[float], patches: list[tuple[float, float]], size: float) -> FloatArray:
+def _spread(cuts: list[float], patches: list[tuple[float, float]], size: float, across: int) -> FloatArray:
     tolerance = MERGE_TOLERANCE * (max(cuts) - min(cuts))
     edges: list[float] = []
     for cut in sorted(cuts):
@@ -73,7 +77,7 @@ def _spread(cuts: list[float], patches: list[tuple[float, float]], size: float) 
         limit = size
         for low, high in patches:
             if low - tolerance <= start and end <= high + tolerance:
-                limit = min(limit, (high - low) / ELEMENTS_ACROSS_PATCH)
+                limit = min(limit, (high - low) / across)
         count = max(1, int(np.ceil((end - start) / limit - 1e-6)))
         parts.append(start + (end - start) * np.arange(1, count + 1) / count)
     return np.concatenate(parts)

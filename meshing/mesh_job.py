@@ -26,6 +26,7 @@ class MeshJob:
         groups: Patches of each patch group.
         unit: Length of the job's unit [m], for messages.
         size: Element size, None for the default rule (STEP files only).
+        across_patches: Elements across an imprint.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
@@ -39,6 +40,7 @@ class MeshJob:
     unit: float = 1.0
     size: float | None = None
     refinement: int = 1
+    across_patches: int = 4
     order: int = 2
     straight: bool = False
     memory_bytes: int = 8 << 30

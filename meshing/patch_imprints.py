@@ -10,7 +10,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.patches import FACE_DIRECTIONS
 from headstock.geometry.solids import Tube
 from headstock.meshing.errors import MeshError
-from headstock.meshing.sizing import ELEMENTS_ACROSS_PATCH
 
 END_TOLERANCE = 1e-6
 BOX_TOLERANCE = 1e-3
@@ -31,7 +30,8 @@ class OpenShape:
         high: Upper corner ``(3,)`` of the bounding box.
         size: Element size.
         unit: Length of the model's unit [m], for messages.
-        refinement: How many times finer than usual imprints are meshed.
+        across: Elements across an imprint.
+        refinement: How many times finer than that imprints are meshed.
         polygons: Imprint disks as regular polygons of equal area, so that straight-sided elements keep the area.
     """
 
@@ -42,6 +42,7 @@ class OpenShape:
     high: FloatArray
     size: float
     unit: float
+    across: int
     refinement: int
     polygons: bool
 
@@ -79,7 +80,7 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> dict[st
     wanted = {tag for tags in inputs.values() for tag in tags}
     children = _fragment_faces(shape, sorted(wanted & (struck | set(widths))), sorted(wanted - struck - set(widths)))
     for tag, width in widths.items():
-        _refine(children[tag], min(width / (ELEMENTS_ACROSS_PATCH * shape.refinement), shape.size))
+        _refine(children[tag], min(width / (shape.across * shape.refinement), shape.size))
     return {name: sorted({child for tag in tags for child in children[tag]}) for name, tags in inputs.items()}
 
 

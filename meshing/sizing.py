@@ -7,7 +7,6 @@ CELL_BUDGET = 3_000_000
 UNCOUNTED = 1e30  # beyond this the number of cells says nothing, and overflows
 TETS_PER_CUBE = 5.2  # measured: tets per (volume / size^3) in blocks
 TETS_PER_SHEET = 7.0  # measured: tets per (mid-surface / size^2) where walls are thinner than the elements
-ELEMENTS_ACROSS_PATCH = 4
 LARGEST_SHARE = 6.0
 SMALLEST_SHARE = 40.0
 DEFAULT_CELLS = 150_000

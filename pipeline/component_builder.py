@@ -139,7 +139,7 @@ def build_component(
         placement=build_frame(table.at, table.rotate),
         interfaces=interfaces,
         fidelity=table.fidelity,
-        mesh=MeshSettings(table.mesh.size, table.mesh.order, table.mesh.cells, table.mesh.force),
+        mesh=MeshSettings(table.mesh.size, table.mesh.order, table.mesh.cells, table.mesh.force, table.mesh.across_patches),
         reduction=ReductionSettings(table.reduction.modes_to, table.reduction.modes, table.reduction.verify),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,

@@ -149,6 +149,7 @@ class Results:
         path: Deviation from a path while axes accelerate.
         map: Frequencies, stiffness and condition number over a plane of poses, as in the summary.
         mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
+        accuracy: How settings were chosen for an accuracy, as in the summary; None where the scene asks for none.
         files: SHA-256 by file name of what was written beside the summary.
     """
 
@@ -171,6 +172,7 @@ class Results:
     path: PathResult | None = None
     control: dict[str, Json] = field(default_factory=dict)
     responses: tuple[PoseResponse, ...] = ()
+    accuracy: Json | None = None
 
 
 def summarise(results: Results) -> Json:
@@ -207,6 +209,8 @@ def summarise(results: Results) -> Json:
         summary["path"] = summarise_path(results.path)
     if results.control:
         summary["control"] = results.control
+    if results.accuracy is not None:
+        summary["accuracy"] = results.accuracy
     if results.map is not None:
         summary["map"] = results.map
     if results.mechanism:

@@ -53,6 +53,7 @@ class RunState:
     path: PathResult | None = None
     energy_errors: dict[str, float] = field(default_factory=dict)
     control: dict[str, Json] = field(default_factory=dict)
+    accuracy: Json | None = None
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)

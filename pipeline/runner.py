@@ -1,12 +1,14 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
+import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from mpi4py import MPI
 
 from headstock.geometry.solids import SuperelementFile
+from headstock.pipeline.accuracy_search import search_settings
 from headstock.pipeline.atomic_files import PendingFiles
 from headstock.pipeline.budgets import check_elapsed
 from headstock.pipeline.component_stages import (
@@ -39,7 +41,7 @@ from headstock.pipeline.result_warnings import find_warnings
 from headstock.pipeline.results import ComponentFacts, Results
 from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.scene import Scene
-from headstock.pipeline.stages import Stage, StageRecord
+from headstock.pipeline.stages import Plan, Stage, StageRecord
 from headstock.pipeline.store import Store, default_store_root
 
 Observer = Callable[[StageRecord], None]
@@ -94,29 +96,70 @@ def run_scene(
     Raises:
         HeadstockError: A computation or a file failed; earlier files are untouched.
     """
-    plan = plan_scene(scene)
-    state = RunState(scene, plan, comm, store or Store(default_store_root()))
-    for message in (*scene.warnings, *plan.warnings):
-        state.warn(message)
-    if state.is_root:
+    if comm.rank == 0:
         prepare_output(output)
-    records: list[StageRecord] = []
+    rounds = _Rounds(comm, store or Store(default_store_root()), observer, announce)
+    state = _run_rounds(scene, rounds)
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
     with PendingFiles() as pending:
-        start = time.perf_counter()
-        for stage in plan.stages:
-            check_elapsed(time.perf_counter() - start, scene.limits.time_s, stage)
-            if state.is_root:
-                announce(stage)
-            with measure() as cost:
-                outcome = _run_stage(state, stage, output, pending)
-            if state.is_root:
-                records.append(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail))
-                observer(records[-1])
-        results = gather_results(state, tuple(records))
+        rounds.run_stage(state, state.plan.stages[-1], lambda: _write(state, output, pending))
+        results = gather_results(state, tuple(rounds.records))
         if state.is_root:
             publish_summary(pending, output, results)
     return results
+
+
+class _Rounds:
+    """Runs stages and keeps their records: once, or in as many rounds as an accuracy needs."""
+
+    def __init__(self, comm: MPI.Comm, store: Store, observer: Observer, announce: Announcer) -> None:
+        self.comm, self.store, self.observer, self.announce = comm, store, observer, announce
+        self.records: list[StageRecord] = []
+        self._start = time.perf_counter()
+
+    def run(self, scene: Scene, plan: Plan, reduced: Mapping[str, ReducedComponent] | None = None) -> RunState:
+        """Run every stage of a plan but the last, which writes; those of components only where they are not reduced yet."""
+        state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
+        for message in (*scene.warnings, *plan.warnings):
+            state.warn(message)
+        for stage in plan.stages[:-1]:
+            if reduced is None or stage.component is None:
+                check_elapsed(time.perf_counter() - self._start, scene.limits.time_s, stage)
+                handlers = HANDLERS if state.placed is None else LUMPED_HANDLERS
+                self.run_stage(state, stage, functools.partial(handlers[stage.kind], state, stage))
+        return state
+
+    def run_stage(self, state: RunState, stage: Stage, work: Callable[[], Outcome]) -> None:
+        """Announce a stage, do its work, and record what it cost."""
+        if state.is_root:
+            self.announce(stage)
+        with measure() as cost:
+            outcome = work()
+        if state.is_root:
+            self._record(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail))
+
+    def note(self, stage: Stage, change: str) -> None:
+        """Record a decision, which costs nothing."""
+        self._record(StageRecord(stage, 0.0, cached=False, peak_rss_mb=0.0, detail=change))
+
+    def _record(self, record: StageRecord) -> None:
+        self.records.append(record)
+        self.observer(record)
+
+
+def _run_rounds(scene: Scene, rounds: _Rounds) -> RunState:
+    """One round; or as many as an accuracy needs, and then what is asked for beyond the analyses that errors are estimated of."""
+    if scene.accuracy is None:
+        return rounds.run(scene, plan_scene(scene))
+    search = search_settings(scene, rounds.run, rounds.note)
+    state = search.state
+    if search.scene.analyses != state.scene.analyses or scene.machine.probes:
+        # probes need the mesh, which comes from the store
+        state = rounds.run(search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced)
+    state.accuracy = search.summary
+    if search.failure:
+        state.failures.append(search.failure)
+    return state
 
 
 def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Results:
@@ -135,6 +178,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         contouring=state.contouring,
         path=state.path,
         control=dict(state.control),
+        accuracy=state.accuracy,
         responses=tuple(state.responses),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),
@@ -145,10 +189,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
     )
 
 
-def _run_stage(state: RunState, stage: Stage, output: Path, pending: PendingFiles) -> Outcome:
-    if stage.kind != "write":
-        handlers = HANDLERS if state.placed is None else LUMPED_HANDLERS
-        return handlers[stage.kind](state, stage)
+def _write(state: RunState, output: Path, pending: PendingFiles) -> Outcome:
     if state.is_root:
         for message in find_warnings(state):
             state.warn(message)

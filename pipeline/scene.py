@@ -160,6 +160,19 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class AccuracyGoal:
+    """How far any requested number may be off.
+
+    Attributes:
+        to: Relative error.
+        fidelity: Elastic components whose share of the strain energy is small enough may become rigid.
+    """
+
+    to: float
+    fidelity: bool = False
+
+
+@dataclass(frozen=True)
 class CompareSettings:
     """What ``headstock compare`` shows unless it is told otherwise.
 
@@ -232,6 +245,7 @@ class Scene:
         sweeps: Poses in which the analyses may be repeated, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
         drives: By name; empty unless the effect drive_control is on.
+        accuracy: How far any number may be off; None where mesh sizes and modes are as the scene says.
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
     """
 
@@ -251,6 +265,7 @@ class Scene:
     mechanism: SceneMechanism | None = None
     modal_damping: tuple[float, ...] = ()
     compare: CompareSettings = field(default_factory=CompareSettings)
+    accuracy: AccuracyGoal | None = None
     on_request: Analyses = field(default_factory=Analyses)
     drives: dict[str, Drive] = field(default_factory=dict)
 

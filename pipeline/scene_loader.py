@@ -14,7 +14,17 @@ from headstock.pipeline.mechanism_builder import build_contouring, build_map, bu
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.path_checks import build_path, check_path, check_path_carriages
 from headstock.pipeline.rail_checks import check_carriages
-from headstock.pipeline.scene import Analyses, CompareSettings, FrfRequest, Limits, ModalRequest, PathRequest, Scene, StaticRequest
+from headstock.pipeline.scene import (
+    AccuracyGoal,
+    Analyses,
+    CompareSettings,
+    FrfRequest,
+    Limits,
+    ModalRequest,
+    PathRequest,
+    Scene,
+    StaticRequest,
+)
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene
@@ -96,6 +106,7 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
             tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference
         ),
         drives=build_drives(table),
+        accuracy=None if table.accuracy is None else AccuracyGoal(table.accuracy.to, table.accuracy.fidelity),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
     )
 

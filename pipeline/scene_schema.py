@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from headstock.pipeline.schema_accuracy import AccuracyEntry
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
 from headstock.pipeline.schema_contouring import ContouringTable
@@ -121,6 +122,7 @@ class SceneTable(StrictTable):
     analyses: AnalysesTable = AnalysesTable()
     orientation: OrientationTable = OrientationTable()
     limits: LimitsTable = LimitsTable()
+    accuracy: AccuracyEntry | None = None
     free: Flag = False
 
 

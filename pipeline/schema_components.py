@@ -240,6 +240,7 @@ class MeshTable(StrictTable):
     size: PositiveLength | None = None
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
+    across_patches: Annotated[Count, Field(le=100)] = 4
     force: Flag = False
 
 

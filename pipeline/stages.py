@@ -10,6 +10,7 @@ from headstock.geometry.machines import Pose
 StageKind = Literal[
     "mesh",
     "reduce",
+    "refine",
     "rigid",
     "segment",
     "load",
@@ -32,12 +33,11 @@ class Stage:
     """One step of a run.
 
     Attributes:
-        kind: ``mesh`` and ``reduce`` an elastic component, make a ``rigid`` one from its mass properties, ``segment`` one
-            into a row of rigid bodies, ``load`` an imported
-            superelement, ``couple`` the machine in a pose, ``place`` a lumped
-            mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static`` analysis, ``recover`` the
-            response at probes, ``modal`` analysis, ``frf`` frequency response, ``control`` closed loops,
-            deviation from a ``path``, ``write`` the results.
+        kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy, make a ``rigid`` one from its
+            mass properties, ``segment`` one into a row of rigid bodies, ``load`` an imported superelement, ``couple`` the machine
+            in a pose, ``place`` a lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
+            analysis, ``recover`` the response at probes, ``modal`` analysis, ``frf`` frequency response, ``path`` deviation from
+            a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.

@@ -228,7 +228,7 @@ def test_an_unwritable_output_folder_ends_with_1_before_anything_is_computed(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "{scene}", "--accuracy", "1%"], "not available in this version"),
+        (["run", "{scene}", "--accuracy", "50%"], "lies between 0.01 % and 20 %"),
         (["run", "{scene}", "--ranks", "3"], "start through ./headstock"),
         (["validate", "nonsense"], "nonsense"),
         (["run", "{scene}", "--json", "/nonexistent/x.json"], "there is no folder /nonexistent"),

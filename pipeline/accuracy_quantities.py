@@ -1,0 +1,103 @@
+"""What a scene asks for as a list of numbers with relative errors, and who owns the largest."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.run_state import RunState
+
+# Estimates of meshes are right within a factor, not bounds: 95 in 100 true errors were below twice the estimate (docs/accuracy.md).
+SAFETY = {DISCRETISATION: 2.0, REDUCTION: 1.0}
+RIGID_MODEL = "rigid model"
+
+Owner = tuple[str, str]  # component, source of error
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A requested number.
+
+    Attributes:
+        name: In plain words.
+        parts: Component and source to their relative part of the error, safety included; inf where there is no bound.
+    """
+
+    name: str
+    parts: Mapping[Owner, float]
+
+    @property
+    def error(self) -> float:
+        """Relative error, all parts together."""
+        return sum(self.parts.values())
+
+    @property
+    def owner(self) -> Owner:
+        """Component and source with the largest part."""
+        return max(self.parts, key=lambda key: self.parts[key])
+
+
+def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantity]:
+    """Every frequency and compliance that a run has found, with its error in parts; on rank 0.
+
+    Args:
+        state: After its analyses.
+        rigid: Components that were taken as rigid to save time, and the share of any number that this may cost.
+    """
+    extra = {(name, RIGID_MODEL): share for name, share in rigid.items()}
+    return [Quantity(name, dict(parts) | extra) for name, parts in (*_list_frequencies(state), *_list_compliances(state))]
+
+
+def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
+    """The one with the largest relative error; None where nothing has an error."""
+    known = [quantity for quantity in quantities if quantity.parts]
+    return max(known, key=lambda quantity: quantity.error) if known else None
+
+
+def elastic_shares(state: RunState) -> dict[str, float]:
+    """Largest share of the strain energy of each component in any requested number."""
+    found: dict[str, float] = {}
+    shares = [share for modes in state.modal for share in modes.energy_share[modes.rigid_count :]]
+    shares += [share for points in state.static.values() for point in points.values() for share in point.budget.values()]
+    for table in shares:
+        for name, share in table.items():
+            found[name] = max(found.get(name, 0.0), share)
+    return found
+
+
+def _list_frequencies(state: RunState) -> Iterator[tuple[str, dict[Owner, float]]]:
+    poses = len(state.modal) > 1
+    for modes in state.modal:
+        place = f" in pose {modes.pose.name}" if poses else ""
+        for index in range(modes.rigid_count, len(modes.frequencies_hz)):
+            hz = float(modes.frequencies_hz[index])
+            parts = _relative_parts(modes.errors[index], hz)
+            if REDUCTION in modes.errors[index].shares and modes.errors[index].shares[REDUCTION] is None:
+                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
+            yield f"frequency {index + 1} ({hz:.4g} Hz){place}", parts
+
+
+def _list_compliances(state: RunState) -> Iterator[tuple[str, dict[Owner, float]]]:
+    poses = len(state.static) > 1
+    for pose, points in state.static.items():
+        for name, point in points.items():
+            for axis, (direction, error) in enumerate(point.errors.items()):
+                value = float(point.compliance[axis, axis])
+                if value > 0.0:
+                    yield f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}", _relative_parts(error, value)
+
+
+def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
+    return {
+        (name, source): SAFETY[source] * size / value
+        for source, sizes in error.parts.items()
+        if source in SAFETY
+        for name, size in sizes.items()
+        if size > 0.0
+    }
+
+
+def _short_of(state: RunState, hz: float) -> list[str]:
+    """Components whose modes are complete only to below a frequency."""
+    return [name for name, part in state.reduced.items() if part.superelement.truncation and part.superelement.cutoff_hz <= hz]

@@ -1,0 +1,118 @@
+"""With which mesh and modes a component starts when an accuracy is asked for, and how they are refined."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.components import CellShape, Component, MeshSettings, ReductionSettings
+from headstock.geometry.solids import Box, MeshFile, StepFile, SuperelementFile
+from headstock.meshing.component_meshing import automatic_size, count_hexes
+from headstock.meshing.sizing import largest_extent, thinnest_feature
+
+# Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex across: a quarter of it).
+FINE_ACCURACY = 0.005
+START_SHARE, FINE_START_SHARE = 0.95, 0.6
+FEWEST_ALONG = 3
+MOST_ACROSS = 40
+PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
+COARSER_THAN_RULE = 2.0
+# a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2 times (`validate reduction`)
+MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
+REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
+# errors fall like size^2 between smooth fields (4) and clamped edges or small patches (about 1)
+DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
+LEAST_STEP, LARGEST_STEP = 0.85, 0.35
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A mesh size that was tried [m] and the largest relative error that it owned."""
+
+    size: float
+    error: float
+
+
+def is_chosen(component: Component) -> bool:
+    """Whether mesh and modes of a component are ours to choose."""
+    return component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
+
+
+def start_component(component: Component, accuracy: float, modes_to_hz: float | None) -> Component:
+    """A component with the cheapest settings that are likely to do.
+
+    Args:
+        component: Elastic.
+        accuracy: Relative error allowed.
+        modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
+    """
+    reduction = ReductionSettings(modes_to_hz=modes_to_hz, verify=component.reduction.verify)
+    if isinstance(component.solid, MeshFile):
+        return dataclasses.replace(component, reduction=reduction)
+    return dataclasses.replace(component, reduction=reduction, mesh=_start_mesh(component, accuracy))
+
+
+def mode_margin(accuracy: float) -> float:
+    """How many times the highest frequency wanted the modes must reach so that they take their share of the error."""
+    return MODE_MARGIN * max(1.0, math.pow(MODE_ERROR / (REDUCTION_SHARE * accuracy), 1.0 / MODE_RATE))
+
+
+def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
+    """The component with a mesh size at which its error should be so many times what it is."""
+    size = component.mesh.size
+    if size is None:
+        raise ValueError("a mesh without a size cannot be refined")
+    step = float(np.clip(ratio ** (1.0 / observed_rate(trials)), LARGEST_STEP, LEAST_STEP))
+    finer = dataclasses.replace(component.mesh, size=float(f"{step * size:.3g}"))
+    if _narrowest_patch(component) < size:
+        # the elements at a small patch do not follow the size: they would stay as they are
+        finer = dataclasses.replace(finer, across_patches=min(MOST_ACROSS, math.ceil(component.mesh.across_patches / step)))
+    return dataclasses.replace(component, mesh=finer)
+
+
+def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float) -> Component:
+    """The component with modes up to where their error should be so many times what it is."""
+    factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
+    reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
+    settings = ReductionSettings(modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify)
+    return dataclasses.replace(component, reduction=settings)
+
+
+def observed_rate(trials: tuple[Trial, ...]) -> float:
+    """Power of the mesh size with which the last two trials fell."""
+    if len(trials) < 2:
+        return DEFAULT_RATE
+    before, after = trials[-2:]
+    if not (before.size > after.size > 0.0 and before.error > after.error > 0.0):
+        return SLOWEST_RATE
+    rate = math.log(before.error / after.error) / math.log(before.size / after.size)
+    return float(np.clip(rate, SLOWEST_RATE, FASTEST_RATE))
+
+
+def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
+    solid = component.solid
+    if isinstance(solid, StepFile):
+        return MeshSettings(COARSER_THAN_RULE * automatic_size(component))
+    if isinstance(solid, MeshFile | SuperelementFile):
+        raise ValueError("the mesh of a file is not ours to choose")
+    share = FINE_START_SHARE if accuracy < FINE_ACCURACY else START_SHARE
+    size = float(f"{min(share * thinnest_feature(solid), largest_extent(solid) / FEWEST_ALONG):.3g}")
+    return MeshSettings(size, cells=_choose_cells(component, size))
+
+
+def _choose_cells(component: Component, size: float) -> CellShape:
+    """Hexes are cheaper at the same error where patches are not small and do not fill the block with grid lines."""
+    solid = component.solid
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    round_ones = any(patch.shape == "disk" for patch in patches)
+    if not isinstance(solid, Box) or round_ones or _narrowest_patch(component) < size:
+        return "tet"
+    plain = math.prod(math.ceil(side / size) for side in solid.size)
+    return "hex" if count_hexes(component, size) <= PATCHES_ADD * plain else "tet"
+
+
+def _narrowest_patch(component: Component) -> float:
+    """Narrowest imprint of a component [m]; inf without any."""
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)

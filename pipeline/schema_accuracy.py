@@ -1,0 +1,37 @@
+"""Schema of the accuracy a scene asks for."""
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+from headstock.pipeline.schema_types import Flag, StrictTable, problem, read_share
+
+TIGHTEST, LOOSEST = 1e-4, 0.2
+
+
+def _read_accuracy(value: object) -> float:
+    share = read_share(value, "accuracy")
+    if not TIGHTEST <= share <= LOOSEST:
+        raise problem(
+            f'is {100.0 * share:g} %; an accuracy lies between {100.0 * TIGHTEST:g} % and {100.0 * LOOSEST:g} %; write "1 %"'
+        )
+    return share
+
+
+Accuracy = Annotated[
+    float, BeforeValidator(_read_accuracy), WithJsonSchema({"description": "ratio from 0.0001 to 0.2", "examples": ["1 %", 0.01]})
+]
+
+
+class AccuracyTable(StrictTable):
+    """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen for it."""
+
+    to: Accuracy
+    fidelity: Flag = False
+
+
+def _wrap_accuracy(value: Any) -> Any:
+    return value if isinstance(value, dict) else {"to": value}
+
+
+AccuracyEntry = Annotated[AccuracyTable, BeforeValidator(_wrap_accuracy), Field(description='such as "1 %"')]
