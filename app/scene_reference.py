@@ -65,7 +65,8 @@ NOTES = {
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
     "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); for `[analyses.contouring]` "
     "`cutting_force = true`, "
-    "`regeneration = true` (each tooth meets the wave the last ones left), `coriolis = true`; `drive_control = true` puts the motors "
+    "`regeneration = true` (each tooth meets the wave the last ones left), `coriolis = true`; for a lumped mechanism "
+    "`gravity_stiffening = true`; `drive_control = true` puts the motors "
     "of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it; all off unless named",
     "Scene.free": "the whole machine floats on purpose: no error for missing connections to ground",
     "Material.E": "Young's modulus",

@@ -4,11 +4,12 @@ import dataclasses
 
 from headstock.pipeline.contouring_runs import run_contour
 from headstock.pipeline.contouring_summary import summarise_contour
-from headstock.pipeline.force_files import read_forces
+from headstock.pipeline.force_files import read_forces, resampling_loss
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
 
 CORIOLIS = "coriolis"
+MOST_LOST = 0.1  # of the rms of measured forces
 
 
 def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
@@ -23,9 +24,17 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     if not request.cutting:
         state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
-    model = dataclasses.replace(state.placed.model, velocity_terms=CORIOLIS in state.scene.effects)
+    # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
+    model = dataclasses.replace(state.placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
     run = run_contour(mechanism, model, request, record=record)
     found = summarise_contour(mechanism, model, request, run)
+    if record is not None:
+        found["force_share_faster_than_steps"] = loss = resampling_loss(record, run.times)
+        if loss > MOST_LOST:
+            state.warn(
+                f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
+                " raise steps_per_turn in [analyses.contouring] to see it"
+            )
     state.contouring = found
     told = ", ".join(f"face {item['face']} {item['mean_um'][0]:+.1f} µm" for item in found["faces"] if item["face"] in (1, 3))
     return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}")

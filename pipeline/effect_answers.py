@@ -28,6 +28,9 @@ UNITS = {
     "map of frequencies": "Hz",
 }
 
+# numbers that are each held against themselves; of the others, components of a vector say, the largest of the group counts
+EACH_ITS_OWN = {"frequencies", "dynamic stiffness", "control poles", "map of frequencies"}
+
 
 @dataclass(frozen=True)
 class Change:
@@ -35,7 +38,7 @@ class Change:
 
     Attributes:
         answer: Which, of :data:`UNITS`.
-        share: Largest difference of one entry, over the largest number of that entry's group in either run.
+        share: Largest difference of one number in either run, over that number, or over the largest of its group.
         entry: Where it is largest.
         without: Its number without the effect; None where that run has no such answer.
         present: Its number with it.
@@ -75,10 +78,11 @@ def compare_answers(without: Json, present: Json) -> list[Change]:
 def _compare(answer: str, entry: str, first: FloatArray | None, second: FloatArray | None) -> Change:
     if first is None or second is None or first.shape != second.shape:
         return Change(answer, 1.0, entry, _largest(first), _largest(second))
-    off = np.abs(np.nan_to_num(second) - np.nan_to_num(first))
+    sizes = np.maximum(np.abs(np.nan_to_num(first)), np.abs(np.nan_to_num(second)))
+    scale = sizes if answer in EACH_ITS_OWN else np.full_like(sizes, sizes.max())
+    off = np.abs(np.nan_to_num(second) - np.nan_to_num(first)) / np.where(scale > 0.0, scale, 1.0)
     place = int(np.argmax(off))
-    scale = max(float(np.abs(np.nan_to_num(values)).max()) for values in (first, second))
-    return Change(answer, float(off[place] / scale) if scale else 0.0, entry, _number(first[place]), _number(second[place]))
+    return Change(answer, float(off[place]), entry, _number(first[place]), _number(second[place]))
 
 
 def _number(value: float) -> float | None:

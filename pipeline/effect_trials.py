@@ -23,7 +23,12 @@ LITTLE, MUCH = 1e-3, 1e-2  # changes of an answer below which an effect may be l
 QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
 REPEATS = 3
 # effects that act through another one
-NEEDS = {"regeneration": "cutting_force", "friction": "drive_control", "screw_inertia": "drive_control"}
+NEEDS = {
+    "gravity_stiffening": "gravity",
+    "regeneration": "cutting_force",
+    "friction": "drive_control",
+    "screw_inertia": "drive_control",
+}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from headstock.pipeline.units import ACCELERATION, RATIO, UnitError, parse_quant
 # on or off, without a value
 CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
 DRIVE_EFFECTS = ("drive_control", "friction", "screw_inertia")
-PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS)
+GRAVITY_STIFFENING = "gravity_stiffening"
+PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING)
 EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
 

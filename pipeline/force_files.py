@@ -66,6 +66,16 @@ def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
     return np.stack([(_impulse(record, high, axis) - _impulse(record, low, axis)) / (high - low) for axis in range(3)], axis=-1)
 
 
+def resampling_loss(record: ForceRecord, times: FloatArray) -> float:
+    """Share of the record's rms that forces at even times ``(n,)`` do not hold: what is faster than the steps."""
+    inside = (record.times >= times[0]) & (record.times <= times[-1])
+    given = record.forces[inside]
+    taken = resample_forces(record, times)
+    held = np.stack([np.interp(record.times[inside], times, taken[:, axis]) for axis in range(3)], axis=-1)
+    total = float((given**2).sum())
+    return float(np.sqrt(((given - held) ** 2).sum() / total)) if total else 0.0
+
+
 def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
     """Integral of the piecewise linear force up to times, exactly."""
     force, spans = record.forces[:, axis], np.diff(record.times)

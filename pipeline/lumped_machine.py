@@ -65,6 +65,8 @@ def build_compliant_mechanism(
     superelements: Mapping[str, Superelement],
     placements: Mapping[str, Frame],
     gravity: FloatArray | None,
+    *,
+    stiffening: bool = False,
 ) -> CompliantMechanism:
     """Bodies and springs of a lumped mechanism.
 
@@ -73,6 +75,7 @@ def build_compliant_mechanism(
         superelements: By component; only their mass, centre and inertia count.
         placements: Frame of each component on its mark.
         gravity: ``(3,)`` in the machine frame [m/s^2]; None without gravity.
+        stiffening: Whether small motions feel gravity.
     """
     bodies = []
     for name, mark in mechanism.carries.items():
@@ -80,7 +83,9 @@ def build_compliant_mechanism(
         center = own.origin + own.rotation @ body.center_of_mass
         bodies.append(MechanismBody(name, mark, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T))
     turned = np.zeros(3) if gravity is None else mechanism.mounted.mounting.rotation.T @ gravity
-    return CompliantMechanism(mechanism.mounted.mechanism, tuple(bodies), build_springs(mechanism), gravity=turned)
+    return CompliantMechanism(
+        mechanism.mounted.mechanism, tuple(bodies), build_springs(mechanism), gravity=turned, gravity_stiffening=stiffening
+    )
 
 
 def build_springs(mechanism: SceneMechanism) -> LumpedSprings:

@@ -13,6 +13,7 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Pose
 from headstock.geometry.tool_mechanisms import solve_pose, tool_pose
+from headstock.pipeline.effects import GRAVITY_STIFFENING
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import SPRING_PARTS, build_compliant_mechanism, place_mechanism, series_parts
 from headstock.pipeline.machine_poses import POSE_ERRORS, count_wanted, list_figures
@@ -52,7 +53,8 @@ def share_mechanism(state: RunState, superelements: Mapping[str, Superelement]) 
     if mechanism is None:
         raise ValueError("the scene has no mechanism")
     own = {name: component.placement for name, component in state.plan.components.items()}
-    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity)
+    stiffening = GRAVITY_STIFFENING in state.scene.effects
+    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity, stiffening=stiffening)
     return LumpedPoses(state, mechanism, model, superelements, own)
 
 
@@ -101,7 +103,7 @@ def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]
         rows = [turn @ _point_motion(shared, motions, shared.state.scene.machine.points[name].tool) for name in analyses.static.at]
         # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
         moved = np.stack(rows, axis=1)
-        stretches = moved / motions.stiffness[:, None, None, :]
+        stretches = np.swapaxes(np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2)
         compliance = stretches @ np.swapaxes(moved, -1, -2)
         names, shares = _weakest_parts(shared, states, stretches**2 * motions.stiffness[:, None, None, :])
         for number, values in enumerate(found):

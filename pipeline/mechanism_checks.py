@@ -7,7 +7,7 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.exechon import LENGTHS, exechon_mechanism
 from headstock.geometry.mechanisms import Mechanism
 from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT, solve_pose
-from headstock.pipeline.effects import CONTOUR_EFFECTS
+from headstock.pipeline.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING
 from headstock.pipeline.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import resolve_file
@@ -27,6 +27,7 @@ def is_lumped(scene: SceneTable) -> bool:
 def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
     """Report what is wrong with a mechanism and the poses it is to take."""
     table = scene.mechanism
+    _check_stiffening(scene, findings)
     _check_map(scene, findings)
     _check_contouring(scene, folder, findings)
     if table is None:
@@ -135,6 +136,16 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
             resolve_file(folder, table.forces, FORCE_SUFFIXES)
         except ValueError as error:
             findings.add((*key, "forces"), str(error))
+
+
+def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
+    if not scene.effects.get(GRAVITY_STIFFENING):
+        return
+    key = ("effects", GRAVITY_STIFFENING)
+    if not is_lumped(scene):
+        findings.add(key, "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it")
+    elif not scene.effects.get("gravity"):
+        findings.add(key, "comes from gravity; write [effects] gravity = true as well")
 
 
 def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:

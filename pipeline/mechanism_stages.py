@@ -7,6 +7,7 @@ import numpy as np
 from headstock.geometry.exechon import LEGS, LENGTHS
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
 from headstock.geometry.tool_mechanisms import solve_pose
+from headstock.pipeline.effects import GRAVITY_STIFFENING
 from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.lumped_machine import (
@@ -41,7 +42,8 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     pose = state.plan.poses[_pose_name(stage)]
     superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
     own = {name: component.placement for name, component in state.plan.components.items()}
-    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity)
+    stiffening = GRAVITY_STIFFENING in state.scene.effects
+    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity, stiffening=stiffening)
     coordinates = solve_pose(mechanism, pose.positions)
     placed = place_mechanism(mechanism, model, coordinates, (superelements, own))
     stand = describe_state(mechanism, coordinates)

@@ -66,6 +66,7 @@ class CompliantMechanism:
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
         velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and closures answer to
             accelerations alone.
+        gravity_stiffening: Whether small motions feel how gravity's forces turn with them.
     """
 
     mechanism: Mechanism
@@ -75,3 +76,4 @@ class CompliantMechanism:
     gravity: FloatArray = field(default_factory=lambda: np.zeros(3))
     damping: FloatArray | None = None
     velocity_terms: bool = True
+    gravity_stiffening: bool = False

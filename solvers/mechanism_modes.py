@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.loop_closures import Kinematics, evaluate_kinematics
+from headstock.geometry.loop_closures import Kinematics, close_loops, evaluate_kinematics
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.coordinate_partitioning import velocity_maps
 from headstock.solvers.mechanism_dynamics import evaluate_dynamics
 from headstock.solvers.second_order import SecondOrderSystem
+
+TINY = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +25,7 @@ class SmallMotions:
         mass: ``(..., c, c)``.
         stiffness: ``(..., c)`` [N/m].
         gravity: ``(..., c)`` generalised gravity forces [N].
+        geometric: ``(..., c, c)`` stiffness from gravity [N/m]; None where it is not counted.
     """
 
     kinematics: Kinematics
@@ -30,6 +33,13 @@ class SmallMotions:
     mass: FloatArray
     stiffness: FloatArray
     gravity: FloatArray
+    geometric: FloatArray | None = None
+
+    @property
+    def total_stiffness(self) -> FloatArray:
+        """``(..., c, c)`` of springs and gravity."""
+        springs = self.stiffness[..., None] * np.eye(self.stiffness.shape[-1])
+        return springs if self.geometric is None else springs + self.geometric
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +66,27 @@ def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotio
     left = np.swapaxes(from_compliant, -1, -2)
     stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
     gravity = (left @ dynamics.load[..., None])[..., 0]
-    return SmallMotions(kinematics, from_compliant, left @ dynamics.mass @ from_compliant, stiffness, gravity)
+    geometric = gravity_stiffness(model, states) if model.gravity_stiffening else None
+    return SmallMotions(kinematics, from_compliant, left @ dynamics.mass @ from_compliant, stiffness, gravity, geometric)
+
+
+def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArray:
+    """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per compliant coordinate.
+
+    The second derivative of the potential energy along motions that keep the loops closed, joint forces and all, by the complex step.
+    """
+    mechanism = model.mechanism
+    columns = []
+    for coordinate in range(mechanism.compliant_slice.start, mechanism.compliant_slice.stop):
+        moved = states.astype(complex)
+        moved[..., coordinate] += 1j * TINY
+        # Newton's method is exact for a step this small, after one correction
+        closed = close_loops(mechanism, moved)
+        kinematics = evaluate_kinematics(mechanism, closed)
+        force = evaluate_dynamics(model, kinematics).load
+        maps = velocity_maps(mechanism, kinematics.closures)[1]
+        columns.append((np.swapaxes(maps, -1, -2) @ force[..., None])[..., 0].imag / TINY)
+    return np.asarray(-np.stack(columns, axis=-1))
 
 
 def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> FloatArray:
@@ -74,11 +104,22 @@ def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
 
     ``M x = (1 / omega^2) S^2 x`` with ``y = S x`` is the symmetric problem ``(S^-1 M S^-1) y = y / omega^2``.
     """
+    if motions.geometric is not None:
+        return _solve_stiffened_modes(motions)
     root = np.sqrt(motions.stiffness)
     squares, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
     squares, vectors = squares[..., ::-1], vectors[..., ::-1]
     shapes = vectors / root[..., :, None] / np.sqrt(squares)[..., None, :]
     return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
+
+
+def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
+    """By the Cholesky factor of the mass; shares of energy are those of the springs."""
+    inverse = np.linalg.inv(np.linalg.cholesky(motions.mass))
+    squares, vectors = np.linalg.eigh(inverse @ motions.total_stiffness @ np.swapaxes(inverse, -1, -2))
+    shapes = np.swapaxes(inverse, -1, -2) @ vectors
+    energy = motions.stiffness[..., None] * shapes**2
+    return LumpedModes(np.sqrt(squares) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True))
 
 
 def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
@@ -91,6 +132,8 @@ def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray)
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:
     """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1 J^T``."""
     tool = mark_motion(model, motions, model.tool)
+    if motions.geometric is not None:
+        return np.asarray(tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2)))
     return np.asarray((tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2))
 
 
@@ -106,7 +149,7 @@ def pose_system(model: CompliantMechanism, motions: SmallMotions, ports: Mapping
     return SecondOrderSystem(
         mass=0.5 * (motions.mass + motions.mass.T),
         damping=model.damping,
-        stiffness=np.diag(motions.stiffness),
+        stiffness=0.5 * (motions.total_stiffness + motions.total_stiffness.T),
         inputs=rows,
         outputs=rows,
         labels=model.springs.labels,

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from headstock.pipeline.force_files import ForceFileError, ForceRecord, read_forces, resample_forces
+from headstock.pipeline.force_files import ForceFileError, ForceRecord, read_forces, resample_forces, resampling_loss
 
 
 def write(folder: Path, times: np.ndarray, forces: np.ndarray) -> Path:
@@ -69,3 +69,13 @@ def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
         resample_forces(ForceRecord(TIMES, FORCES), np.linspace(0.0, 0.2, 50))
     with pytest.raises(ForceFileError, match="cannot be read"):
         read_forces(tmp_path / "missing.csv")
+
+
+def test_what_is_faster_than_the_steps_is_told() -> None:
+    fine, steps = np.arange(0.0, 1.0, 1e-5), np.arange(0.01, 0.99, 1e-3)
+    slow = np.stack([np.sin(40.0 * fine), np.zeros_like(fine), np.cos(30.0 * fine)], axis=-1)
+    fast = np.stack([np.zeros_like(fine), np.sin(2.0 * np.pi * 3300.0 * fine), np.zeros_like(fine)], axis=-1)
+    assert resampling_loss(ForceRecord(fine, slow), steps) < 1e-3
+    # equal parts of what the steps hold and of what they do not
+    mixed = resampling_loss(ForceRecord(fine, slow + np.sqrt(2.0) * fast), steps)
+    assert mixed == pytest.approx(np.sqrt(0.5), rel=0.05)

@@ -28,6 +28,7 @@ SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
     ('analyses.contouring.radial_depth="11 mm"', "analyses.contouring.radial_depth", "more than the radius"),
     ('analyses.contouring.forces="missing.csv"', "analyses.contouring", "either the material"),
     ('effects.regeneration="yes"', "effects.regeneration", "neither true nor false"),
+    ('effects={ gravity_stiffening = true }', "effects.gravity_stiffening", "gravity = true as well"),
     ('effects={ regeneration = true }', "effects.regeneration", "cutting_force = true"),
     ('mechanism.screw_lead="0 mm"', "mechanism.screw_lead", "above zero"),
     ('analyses.contouring.material="steel"', "analyses.contouring.material", "is not one of"),
