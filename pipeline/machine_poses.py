@@ -20,9 +20,10 @@ from headstock.pipeline.stages import Stage
 from headstock.reduction.body_motions import join_names, split_number
 from headstock.reduction.compliance_budget import DIRECTIONS, point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
+from headstock.reduction.coupling_memo import CouplingMemo
 from headstock.reduction.dof_layout import turn_dofs
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.lowest_modes import solve_lowest_modes
 
 # modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be followed
 EXTRA_SHARE, EXTRA_LEAST, EXTRA_REACH = 0.25, 3, 1.15
@@ -37,10 +38,19 @@ class MachinePoses:
     Attributes:
         state: Of the run that made the superelements: its scene, plan and effects.
         superelements: By component name.
+        memo: What their couplings share.
     """
 
     state: RunState
     superelements: Mapping[str, Superelement]
+    memo: CouplingMemo
+
+
+def share_machine(state: RunState, superelements: Mapping[str, Superelement]) -> MachinePoses:
+    """What all poses of the machine of a scene share."""
+    static, frf = state.scene.analyses.static, state.scene.analyses.frf
+    ports = {*(() if static is None else static.at), *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs))}
+    return MachinePoses(state, superelements, CouplingMemo(ports))
 
 
 def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
@@ -52,7 +62,7 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
         positions: The same as ``(k,)``, for the result.
     """
     try:
-        coupled = couple(shared.superelements, shared.state.scene.machine, pose)
+        coupled = couple(shared.superelements, shared.state.scene.machine, pose, memo=shared.memo)
     except PoseError as error:
         return PoseResult(positions, "unreachable", str(error))
     except POSE_ERRORS as error:
@@ -118,7 +128,7 @@ def _solve_modes(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> d
     if request is None:
         return {}
     count, limit = modes_to_solve(request)
-    modal = solve_modal(coupled.system, count=count, up_to_hz=limit)
+    modal = solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
     stacked = coupled.basis @ modal.shapes
     for name, place in coupled.offsets.items():
         part = coupled.layout.superelements[name]

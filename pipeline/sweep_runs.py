@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
 from headstock.pipeline.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
-from headstock.pipeline.machine_poses import MachinePoses, solve_machine_pose
+from headstock.pipeline.machine_poses import share_machine, solve_machine_pose
 from headstock.pipeline.planner import is_lumped, plan_scene
 from headstock.pipeline.pose_journals import PoseJournal, read_journals
 from headstock.pipeline.pose_results import PoseResult
@@ -176,7 +176,7 @@ def _solve_poses(
     job: SweepJob, state: RunState, superelements: dict[str, Superelement], numbers: list[int]
 ) -> Iterator[PoseResult]:
     if not is_lumped(job.scene):
-        shared = MachinePoses(state, superelements)
+        shared = share_machine(state, superelements)
         for number in numbers:
             yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])
         return

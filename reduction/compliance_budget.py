@@ -91,24 +91,25 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     displacements = solve_machine_static(coupled, point_loads(coupled, point)).displacements
     compliance = _observe(coupled, point, displacements)
     shares = {}
+    energies = strain_energies(coupled, displacements[:, : len(DIRECTIONS)])
     for i, direction in enumerate(DIRECTIONS):
-        energies = strain_energies(coupled, displacements[:, i])
-        shares[direction] = _shares(energies, 0.5 * float(compliance[i, i]), f"{point} {direction}")
+        own = {name: float(values[i]) for name, values in energies.items()}
+        shares[direction] = _shares(own, 0.5 * float(compliance[i, i]), f"{point} {direction}")
     return PointBudget(compliance, shares, displacements)
 
 
-def strain_energies(coupled: CoupledMachine, displacement: FloatArray) -> dict[str, float]:
-    """Strain energy [J] of each component and joint for a generalised displacement ``(n,)``; rigid ones are left out."""
-    stacked = coupled.basis @ displacement
+def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
+    """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n, m)``; rigid ones are left out."""
+    stacked = coupled.basis @ displacements
     energies = {}
     for name, stiffness in coupled.matrices.stiffnesses.items():
         if stiffness.any():
             own = _deformation(coupled, name, stacked[coupled.offsets[name]])
-            energies[name] = 0.5 * float(own @ stiffness @ own)
+            energies[name] = 0.5 * np.einsum("im,im->m", own, stiffness @ own)
     for spring in coupled.joint_springs:
         if np.any(spring.stiffness):
-            stretch = spring.rows @ displacement
-            energies[spring.name] = 0.5 * float(stretch @ spring.stiffness @ stretch)
+            stretch = spring.rows @ displacements
+            energies[spring.name] = 0.5 * np.einsum("im,im->m", stretch, spring.stiffness @ stretch)
     return energies
 
 
@@ -135,8 +136,10 @@ def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[di
     A rigid-body mode has no strain energy and an empty strain share.
     """
     strain, kinetic = [], []
-    for shape in shapes.T:
-        energies = strain_energies(coupled, shape)
+    table = strain_energies(coupled, shapes)
+    for number in range(shapes.shape[1]):
+        shape = shapes[:, number]
+        energies = {name: float(values[number]) for name, values in table.items()}
         terms = 0.5 * float(np.abs(shape) @ np.abs(coupled.system.stiffness) @ np.abs(shape))
         strained = sum(energies.values()) > len(shape) * np.finfo(float).eps * terms
         strain.append(_normalised(energies) if strained else {})

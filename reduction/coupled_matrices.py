@@ -1,15 +1,18 @@
 """Mass, stiffness and damping of a coupled machine in its free coordinates."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.reduction.constraint_elimination import Elimination
+from headstock.reduction.coupling_memo import CouplingMemo
 from headstock.reduction.dof_layout import DofLayout, clean_stiffness, turn_dofs
 from headstock.reduction.graded_springs import SpringGrading
 from headstock.reduction.joint_matrices import JointSpring
+from headstock.reduction.superelement import Superelement
 
 ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum of is roundoff
 
@@ -23,16 +26,24 @@ class ComponentMatrices:
     dampings: dict[str, FloatArray]
 
 
-def component_matrices(layout: DofLayout) -> ComponentMatrices:
+def component_matrices(layout: DofLayout, memo: CouplingMemo | None = None) -> ComponentMatrices:
     """Turn every superelement's matrices to machine axes, its rigid motions free of roundoff."""
+    memo = memo or CouplingMemo()
     stiffnesses, masses, dampings = {}, {}, {}
     for name, superelement in layout.superelements.items():
-        turn = turn_dofs(superelement, layout.placements[name])
-        stiffnesses[name] = _congruence(turn, clean_stiffness(superelement))
-        masses[name] = _congruence(turn, superelement.mass)
-        if superelement.damping is not None:
-            dampings[name] = _congruence(turn, superelement.damping)
+        placement = layout.placements[name]
+        make = functools.partial(_turned_matrices, superelement, placement)
+        stiffnesses[name], masses[name], damping = memo.recall(f"matrices {name}", (superelement, placement.rotation), make)
+        if damping is not None:
+            dampings[name] = damping
     return ComponentMatrices(stiffnesses, masses, dampings)
+
+
+def _turned_matrices(superelement: Superelement, placement: Frame) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Stiffness, mass and damping ``(n, n)`` in machine axes."""
+    turn = turn_dofs(superelement, placement)
+    damping = None if superelement.damping is None else _congruence(turn, superelement.damping)
+    return _congruence(turn, clean_stiffness(superelement)), _congruence(turn, superelement.mass), damping
 
 
 def sum_stiffness(
@@ -42,6 +53,7 @@ def sum_stiffness(
     springs: Sequence[JointSpring],
     grading: SpringGrading,
     weights: Mapping[str, float] | None = None,
+    memo: CouplingMemo | None = None,
 ) -> FloatArray:
     """Stiffness ``(n, n)`` of components and joints, each times its weight where weights are given.
 
@@ -49,10 +61,16 @@ def sum_stiffness(
     roundoff, which times its stiffness would drown a soft spring.
     """
     weigh = _unit_weight if weights is None else weights.__getitem__
-    total = _sum_components(layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, elimination.basis)
+    basis = elimination.basis
+    if weights is None:
+        total = _recall_sum(layout, matrices.stiffnesses, basis, "stiffness", memo).copy()
+    else:
+        total = _sum_components(layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, basis)
     if not grading.groups:
         for spring in springs:
-            total += weigh(spring.name) * spring.rows.T @ spring.stiffness @ spring.rows
+            seen = np.flatnonzero(spring.rows.any(axis=0))
+            acting = spring.rows[:, seen]
+            total[np.ix_(seen, seen)] += weigh(spring.name) * acting.T @ spring.stiffness @ acting
         return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
     rows = {spring.name: spring.rows for spring in springs}
     for index, group in enumerate((*grading.groups, grading.soft), start=1):
@@ -76,9 +94,16 @@ def sum_hysteretic(
     return sum_stiffness(layout, matrices, elimination, springs, grading, loss_factors)
 
 
-def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray) -> FloatArray:
+def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, memo: CouplingMemo | None = None) -> FloatArray:
     """Mass ``(n, n)`` of the components."""
-    return _sum_components(layout, matrices.masses, basis)
+    return _recall_sum(layout, matrices.masses, basis, "mass", memo)
+
+
+def _recall_sum(
+    layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray, what: str, memo: CouplingMemo | None
+) -> FloatArray:
+    make = functools.partial(_sum_components, layout, matrices, basis)
+    return make() if memo is None else memo.recall(f"sum of {what}", (basis, *matrices.values()), make)
 
 
 def sum_damping(

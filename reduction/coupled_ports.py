@@ -1,5 +1,7 @@
 """Where a coupled machine is loaded and observed: interfaces, points and static loads in free coordinates."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from headstock.geometry.components import Load
@@ -15,18 +17,23 @@ GRAVITY = "gravity"
 AXES = "xyz"
 
 
-def machine_ports(layout: DofLayout, machine: Machine, basis: FloatArray) -> dict[tuple[str, str], FloatArray]:
+def machine_ports(
+    layout: DofLayout, machine: Machine, basis: FloatArray, wanted: Collection[str] | None = None
+) -> dict[tuple[str, str], FloatArray]:
     """Row ``(n,)`` of each port, all in machine axes: motion there, and by work also the load of a unit force there.
 
-    Every interface is a port ``("component.interface", dof)``; every point is one as tool less work, at the tool.
+    Every interface is a port ``("component.interface", dof)``; every point is one as tool less work, at the tool. Where names are
+    wanted, only those.
     """
     ends = [
         JointEnd(name, interface)
         for name, superelement in layout.superelements.items()
         for interface in (*superelement.attachments, *superelement.rails)
     ]
-    rows = {str(end): motion_rows(layout, end, locate_interface(layout, end)) for end in ends}
-    rows |= {point.name: point_rows(layout, point) for point in machine.points.values()}
+    rows = {
+        str(end): motion_rows(layout, end, locate_interface(layout, end)) for end in ends if wanted is None or str(end) in wanted
+    }
+    rows |= {point.name: point_rows(layout, point) for point in machine.points.values() if wanted is None or point.name in wanted}
     if not rows:
         return {}
     reduced = np.vstack(list(rows.values())) @ basis

@@ -17,6 +17,7 @@ from headstock.reduction.coupled_matrices import (
     sum_stiffness,
 )
 from headstock.reduction.coupled_ports import machine_loads, machine_ports
+from headstock.reduction.coupling_memo import CouplingMemo
 from headstock.reduction.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
 from headstock.reduction.graded_springs import grade_springs
 from headstock.reduction.joint_matrices import JointSpring, connected_groups, place_joints, reduce_spring
@@ -66,7 +67,12 @@ class CoupledMachine:
 
 
 def couple(
-    superelements: Mapping[str, Superelement], machine: Machine, pose: Pose, *, gravity: FloatArray | None = None
+    superelements: Mapping[str, Superelement],
+    machine: Machine,
+    pose: Pose,
+    *,
+    gravity: FloatArray | None = None,
+    memo: CouplingMemo | None = None,
 ) -> CoupledMachine:
     """Place the superelements in a pose and tie them together at the joints.
 
@@ -79,15 +85,17 @@ def couple(
         machine: Its joints, points, axes, loads and placements.
         pose: Axis positions.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or None.
+        memo: What the poses of a sweep share; the result is the same without.
 
     Raises:
         ModelError: A joint, point or load names what does not exist, or a joint matrix is not finite.
         AccuracyError: A component resists rigid motions without being marked as supported.
         ValueError: The pose names an unknown axis or leaves its limits.
     """
+    memo = memo or CouplingMemo()
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
-    matrices = component_matrices(layout)
+    matrices = component_matrices(layout, memo)
     springs = place_joints(machine, layout)
     constraints, sources = _constraint_rows(layout, springs)
     grading = grade_springs(springs, layout.length)
@@ -95,15 +103,15 @@ def couple(
     reduced = tuple(reduce_spring(spring, elimination) for spring in springs)
     basis = elimination.basis
     floating = connected_groups(machine, {name: part.supported for name, part in superelements.items()})
-    ports = machine_ports(layout, machine, basis)
+    ports = machine_ports(layout, machine, basis, memo.ports)
     return CoupledMachine(
         system=SecondOrderSystem(
-            mass=sum_mass(layout, matrices, basis),
+            mass=sum_mass(layout, matrices, basis, memo),
             damping=sum_damping(layout, matrices, basis, reduced),
-            stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading),
+            stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
             inputs=ports,
             outputs=ports,
-            labels=_label_coordinates(layout, basis),
+            labels=memo.recall("labels", (basis, *superelements.values()), lambda: _label_coordinates(layout, basis)),
             hysteretic=sum_hysteretic(layout, matrices, elimination, reduced, grading, _loss_factors(machine, superelements)),
         ),
         basis=basis,

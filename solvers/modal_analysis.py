@@ -8,7 +8,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.symmetric_matrices import require_symmetric
-from headstock.solvers.symmetric_modes import solve_symmetric_modes
+from headstock.solvers.symmetric_modes import ModalPairs, solve_symmetric_modes
 
 RESIDUAL_LIMIT = 1e-7
 
@@ -53,7 +53,15 @@ def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz
     if len(system.mass) == 0:
         raise ModelError("no dof is left: every motion is held by rigid joints")
     limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
-    pairs = solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit)
+    return finish_modes(system, solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit), up_to_hz)
+
+
+def finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None) -> ModalResult:
+    """Frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
+
+    Raises:
+        AccuracyError: An eigenpair misses the residual limit.
+    """
     frequencies = np.sqrt(np.abs(pairs.squares)) / (2.0 * np.pi)
     kept = len(frequencies)
     if up_to_hz is not None:

@@ -72,13 +72,21 @@ def _flexibility_modes(
         return None
     if up_to is not None:
         count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
-    if not flexibilities[-count] > SPREAD_LIMIT * flexibilities[-1]:
-        return None
-    lowest = np.abs(shapes[:, -1])
-    if len(mass) * EPS * (lowest @ (np.abs(stiffness) @ lowest)) > CANCELLATION_LIMIT:
+    if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
         return None
     squares = 1.0 / flexibilities[: -count - 1 : -1]
     return squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares)
+
+
+def spreads_too_far(smallest: float, largest: float) -> bool:
+    """Whether flexibilities lie too far apart for one solve to resolve both."""
+    return not smallest > SPREAD_LIMIT * largest
+
+
+def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
+    """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x = 1``, that it may be a rigid motion."""
+    size = np.abs(lowest)
+    return bool(len(size) * EPS * (size @ (np.abs(stiffness) @ size)) > CANCELLATION_LIMIT)
 
 
 def _careful_modes(stiffness: FloatArray, mass: FloatArray) -> ModalPairs:
