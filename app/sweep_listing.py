@@ -51,11 +51,18 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
 
 
 def _mode_table(summary: Json, results: SweepResults) -> Table:
-    table = make_table(">no.", ">lowest", "at", ">highest", "at", ">poses", ">least MAC")
+    table = make_table(">no.", ">lowest", "at", ">highest", "at", ">least MAC", "mode")
     for number in range(results.frequencies_hz.shape[1]):
         values = results.frequencies_hz[:, number]
         least = np.nanmin(results.tracked.correlation[:, number]) if results.tracked is not None else np.nan
-        add_row(table, str(number + 1), *_range_cells(values, results, "{:.3f}"), str(np.isfinite(values).sum()), f"{least:.2f}")
+        add_row(
+            table,
+            str(number + 1),
+            *_range_cells(values, results, "{:.3f}"),
+            str(np.isfinite(values).sum()),
+            f"{least:.2f}",
+            results.mode_names[number],
+        )
     return table
 
 

@@ -12,19 +12,26 @@ from mpi4py import MPI
 from headstock.app.cluster_sweeping import ClusterRequest, sweep_on_slurm
 from headstock.app.console import print_stage
 from headstock.app.guard import DONE, FAILED
+from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
+from headstock.app.sweep_charts import draw_sweep
 from headstock.app.sweep_listing import print_sweep, print_sweep_header
 from headstock.app.sweep_parts import compute_part
+from headstock.app.sweep_page import render_sweep
+from headstock.pipeline.pose_journals import remove_other_journals
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import dump_json
+from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_output
+from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.slurm_jobs import SlurmOptions
 from headstock.pipeline.sweep_builder import check_sweep_carriages
 from headstock.pipeline.sweep_files import summarise_sweep, write_sweep
-from headstock.pipeline.sweep_results import collect_results
+from headstock.pipeline.sweep_names import name_tracked_modes
+from headstock.pipeline.sweep_results import SweepResults, collect_results
 from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, select_analyses
+
+SUMMARY = "sweep.json"
 
 
 @dataclass(frozen=True)
@@ -67,11 +74,9 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
         failed = False
         if comm.rank == 0:
             results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
-            write_sweep(job.folder, results)
+            results = name_tracked_modes(outcome.state, results)
             summary = summarise_sweep(results)
-            write_output(job.folder / "sweep.json", dump_json(summary).encode())
-            if request.json_file is not None:
-                write_output(request.json_file, dump_json(summary).encode())
+            _publish(summary, results, request, job.folder)
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
             failed = bool(results.failed)
     return int(share_from_root(comm, FAILED if failed else DONE))
@@ -84,6 +89,19 @@ def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Com
     words += ["--retry"] if request.retry else []
     cluster = ClusterRequest(options, tuple(words), request.retry, request.wait)
     return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm))
+
+
+def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path) -> None:
+    """Write every file of a sweep: results, pictures and the page."""
+    write_sweep(folder, results)
+    write_output(folder / SUMMARY, dump_json(summary).encode())
+    if request.json_file is not None:
+        write_output(request.json_file, dump_json(summary).encode())
+    figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
+    for name, image in figures.items():
+        write_output(folder / f"{name}.png", image)
+    write_output(folder / REPORT_FILE, render_sweep(summary, figures).encode())
+    remove_other_journals(folder, results.key)
 
 
 def _make_job(request: SweepRequest) -> SweepJob:

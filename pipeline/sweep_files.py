@@ -45,6 +45,7 @@ def _fill(file: h5py.File, results: SweepResults) -> None:
         tracked = group.create_group("tracked")
         tracked["frequencies_hz"], tracked["index"] = results.frequencies_hz, results.tracked.index
         tracked["correlation"] = results.tracked.correlation
+        tracked["names"] = _words(results.mode_names)
     for name, point in results.points.items():
         _fill_point(file.create_group(f"static/{name}"), point)
     if results.condition is not None:
@@ -81,6 +82,7 @@ def summarise_sweep(results: SweepResults) -> Json:
         "states": list(results.states),
         "errors": {str(number): error for number, error in enumerate(results.errors) if error},
         "frequencies_hz": _nulls(results.frequencies_hz),
+        "mode_names": list(results.mode_names),
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": _list_crossings(results),
         "torn": 0 if results.tracked is None else results.tracked.torn,

@@ -53,6 +53,7 @@ class SweepResults:
         condition: ``(n,)`` condition number of a mechanism; None for other machines.
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
         warnings: For the user.
+        mode_names: Of the tracked modes, as they are called in one pose; empty where they were not named.
     """
 
     name: str
@@ -67,6 +68,7 @@ class SweepResults:
     condition: FloatArray | None
     figures: dict[Port, FloatArray]
     warnings: tuple[str, ...] = ()
+    mode_names: tuple[str, ...] = ()
 
     @property
     def failed(self) -> tuple[int, ...]:

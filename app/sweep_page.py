@@ -1,0 +1,85 @@
+"""A sweep as one HTML page that works offline: maps of every quantity; a click on a pose shows its modes and compliance."""
+
+import base64
+from collections.abc import Mapping
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.report import STYLE, read_asset, report_environment
+from headstock.app.sweep_quantities import list_quantities
+from headstock.app.viewer_data import script_json
+from headstock.pipeline.results import Json
+from headstock.pipeline.sweep_poses import SHOWN
+
+TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
+DIGITS = 6
+
+
+def render_sweep(summary: Json, figures: Mapping[str, bytes]) -> str:
+    """The page as HTML text that refers to nothing outside itself.
+
+    Args:
+        summary: As ``summarise_sweep`` gives it.
+        figures: Name to PNG, for browsers without scripts and for paper.
+    """
+    quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
+    ranges = [(float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values))) for quantity in quantities]
+    return (
+        report_environment()
+        .get_template(TEMPLATE)
+        .render(
+            s=summary,
+            quantities=list(zip(quantities, ranges, strict=True)),
+            figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
+            failed=sum(state == "failed" for state in summary["states"]),
+            unreachable=sum(state == "unreachable" for state in summary["states"]),
+            data=Markup(script_json(_page_data(summary))),
+            style=Markup(read_asset(STYLE)),
+            script=Markup(read_asset(SCRIPT)),
+        )
+    )
+
+
+def _page_data(summary: Json) -> Json:
+    """What the script needs, numbers to six digits."""
+    factors = [SHOWN[unit] for unit in summary["units"]]
+    scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
+    return {
+        "kind": summary["kind"],
+        "axes": summary["axes"],
+        "units": [word for _, word in factors],
+        "shape": summary["shape"],
+        "labels": summary["labels"],
+        "positions": _round(scaled.tolist()),
+        "states": summary["states"],
+        "errors": summary["errors"],
+        "modes": summary["mode_names"],
+        "frequencies": _round(summary["frequencies_hz"]),
+        "quantities": [
+            {
+                "name": q.name,
+                "title": q.title,
+                "unit": q.unit,
+                "values": _round([None if np.isnan(v) else float(v) for v in q.values]),
+            }
+            for q in list_quantities(summary)
+            if np.isfinite(q.values).any()
+        ],
+        "points": {
+            name: {
+                "matrix": _round(point["compliance_um_per_kN"]),
+                "direction": _round(point["direction"]),
+                "largest": _round(point["largest_um_per_kN"]),
+                "weakest": point["weakest"],
+                "share": _round(point["weakest_share"]),
+            }
+            for name, point in summary["static"].items()
+        },
+    }
+
+
+def _round(value: object) -> object:
+    if isinstance(value, list):
+        return [_round(item) for item in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value

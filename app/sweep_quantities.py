@@ -1,0 +1,58 @@
+"""The quantities of a sweep that are mapped, as lists over its poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results import Json
+
+FIGURE_TITLES = {
+    "softest_N_per_um": ("smallest dynamic stiffness", "N/µm"),
+    "softest_hz": ("frequency of the smallest dynamic stiffness", "Hz"),
+    "chatter_stiffness_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """What is mapped.
+
+    Attributes:
+        name: For files and ids.
+        title: For readers.
+        unit: Empty without one.
+        values: ``(n,)``, NaN where there is none.
+    """
+
+    name: str
+    title: str
+    unit: str
+    values: FloatArray
+
+
+def list_quantities(summary: Json) -> list[Quantity]:
+    """Frequencies of tracked modes, compliances, condition number and figures of frequency responses."""
+    found = [Quantity(f"mode_{number}", f"mode {number}", "Hz", values) for number, values in enumerate(_columns(summary), start=1)]
+    for point, entry in summary["static"].items():
+        matrix = np.array(entry["compliance_um_per_kN"], dtype=float).reshape(-1, 3, 3)
+        found += [
+            Quantity(f"compliance_{point}_{axis}", f"compliance {axis} at {point}", "µm/kN", matrix[:, place, place])
+            for place, axis in enumerate("xyz")
+        ]
+        largest, ratio = (np.array(entry[key], dtype=float) for key in ("largest_um_per_kN", "ratio"))
+        found.append(Quantity(f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest))
+        found.append(Quantity(f"compliance_{point}_ratio", f"largest over smallest compliance at {point}", "", ratio))
+    if summary["condition_number"] is not None:
+        found.append(Quantity("condition_number", "condition number", "", np.array(summary["condition_number"], dtype=float)))
+    for port, figures in summary["frf"].items():
+        found += [
+            Quantity(f"frf_{port.replace(' ', '_')}_{key}", f"{title} at {port}", unit, np.array(figures[key], dtype=float))
+            for key, (title, unit) in FIGURE_TITLES.items()
+        ]
+    return found
+
+
+def _columns(summary: Json) -> list[FloatArray]:
+    table = np.array(summary["frequencies_hz"], dtype=float)
+    return list(table.T) if table.ndim == 2 else []

@@ -1,0 +1,85 @@
+"""The command ``sweep``: what it prints, its files, and its page."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.app.command_line import main
+from headstock.app.sweep_charts import middle_plane, way_of
+
+SCENE = Path(__file__).parents[1] / "pipeline" / "data" / "slide.toml"
+MACHINES = Path(__file__).parents[2] / "machines"
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sweep") / "out"
+    assert main(["sweep", str(SCENE), "line", "-o", str(out), "--json", str(out.parent / "said.json")]) == 0
+    return out
+
+
+def test_a_sweep_leaves_results_page_pictures_and_journal(swept: Path) -> None:
+    assert {path.name for path in swept.iterdir()} == {
+        "sweep.h5", "sweep.json", "report.html", "modes.png", "stiffness.png", "poses"
+    }  # fmt: skip
+    assert (swept / "sweep.json").read_bytes() == (swept.parent / "said.json").read_bytes()
+
+
+def test_the_page_is_whole_and_refers_to_nothing_outside(swept: Path) -> None:
+    page = (swept / "report.html").read_text()
+    assert not re.search(r'(?:src|href)="(?!data:|#)', page)
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+    summary = json.loads((swept / "sweep.json").read_text())
+    assert data["positions"] == [[x] for x in (-200.0, -150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 200.0)]
+    np.testing.assert_allclose(
+        np.array(data["frequencies"], dtype=float), np.array(summary["frequencies_hz"], dtype=float), rtol=1e-5
+    )
+    assert len(data["modes"]) == len(summary["mode_names"]) == np.shape(summary["frequencies_hz"])[1]
+    assert all(summary["mode_names"])
+    matrix = np.array(data["points"]["tcp"]["matrix"])
+    np.testing.assert_allclose(matrix, np.array(summary["static"]["tcp"]["compliance_um_per_kN"]), rtol=1e-5)
+
+
+def test_what_is_printed_says_where_each_quantity_is_lowest_and_highest(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", str(SCENE), "line", "-o", str(swept)]) == 0
+    said = capsys.readouterr().out
+    summary = json.loads((swept / "sweep.json").read_text())
+    stiffest = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])[:, 2, 2].min()
+    assert f"{stiffest:.4g}" in said
+    assert "0 of 9 poses computed" in said
+
+
+def test_a_plane_of_tool_poses_of_a_mechanism_has_its_condition_number_and_blank_poses(tmp_path: Path) -> None:
+    span = 'sweeps.plane.axes={ X = ["-350 mm", "1500 mm", 6], Y = ["-400 mm", "400 mm", 3], Z = ["200 mm", "200 mm", 1] }'
+    out = tmp_path / "out"
+    assert main(["sweep", str(MACHINES / "tripteor.toml"), "plane", "-o", str(out), "--set", span]) == 0
+    summary = json.loads((out / "sweep.json").read_text())
+    states = np.array(summary["states"])
+    assert set(states) == {"done", "unreachable"}
+    condition = np.array(summary["condition_number"], dtype=float)
+    assert np.isfinite(condition[states == "done"]).all()
+    assert np.isnan(condition[states == "unreachable"]).all()
+    assert middle_plane(summary, condition, [0, 1]).shape == (6, 3)
+
+
+def test_an_unknown_sweep_and_a_scene_that_asks_for_nothing_are_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sweep", str(SCENE), "lin", "-o", str(tmp_path / "out")]) == 2
+    assert "did you mean 'line'?" in capsys.readouterr().err
+    silent = tmp_path / "silent.toml"
+    silent.write_text(SCENE.read_text().replace("[analyses.static]\n[analyses.modal]\ncount = 5\n", ""))
+    assert main(["sweep", str(silent), "line", "-o", str(tmp_path / "out")]) == 2
+    assert "asks for nothing to compute" in capsys.readouterr().err
+
+
+def test_a_way_with_corners_is_counted_in_poses() -> None:
+    places, label = way_of({"positions": [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "units": ["m", "m"], "axes": ["X", "Y"]})
+    assert places.tolist() == [1.0, 2.0, 3.0]
+    assert label == "pose"
+    places, label = way_of({"positions": [[0.0], [0.1]], "units": ["m"], "axes": ["X"]})
+    assert places.tolist() == [0.0, 100.0]
+    assert label == "X [mm]"
