@@ -83,4 +83,4 @@ def way_of(summary: Json) -> tuple[FloatArray, str]:
     if len(moving) == 1 and bool((np.diff(positions[:, moving[0]]) > 0.0).all()):
         factor, word = SHOWN[summary["units"][moving[0]]]
         return factor * positions[:, moving[0]], f"{summary['axes'][moving[0]]} [{word}]"
-    return np.arange(1.0, len(positions) + 1.0), "pose"
+    return np.arange(1, len(positions) + 1, dtype=np.float64), "pose"
