@@ -16,8 +16,8 @@ from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
 from headstock.app.sweep_charts import draw_sweep
 from headstock.app.sweep_listing import print_sweep, print_sweep_header
-from headstock.app.sweep_parts import compute_part
 from headstock.app.sweep_page import render_sweep
+from headstock.app.sweep_parts import compute_part
 from headstock.pipeline.pose_journals import remove_other_journals
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_output
