@@ -59,12 +59,14 @@ NOTES = {
     "Friction.stribeck_speed": "at which it has fallen from one to the other, to 1/e",
     "Friction.viscous": "per speed",
     "Friction.smoothing": "speed below which it grows in proportion: tanh(v / smoothing)",
+    "PathCut.at": "point where the tool is; the first one unless given",
+    "PathCut.up": "from the tool's tip to its holder",
     "Control.up_to": "highest frequency of the poles listed",
     "Control.speed": "at which the lag is told",
     "Control.poses": "all of them unless given",
     "Scene.effects": "`gravity = true` (or an acceleration); `damping = true` (of joints and materials), or `damping = { modal = 0.02 }` "
     "(besides that a damping ratio on every mode, or a list of the first ones, the last for all others); for `[analyses.contouring]` "
-    "`cutting_force = true`, "
+    "`cutting_force = true` (also along `[analyses.path]`), "
     "`regeneration = true` (each tooth meets the wave the last ones left), `coriolis = true`; for a lumped mechanism "
     "`gravity_stiffening = true`; `drive_control = true` puts the motors "
     "of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it; all off unless named",

@@ -4,10 +4,12 @@ import math
 
 from headstock.geometry.drives import AxisControl, Drive, GuideFriction
 from headstock.pipeline.drive_checks import DRIVE_CONTROL, FRICTION, SCREW_INERTIA, driven_axis, find_screws
-from headstock.pipeline.scene import ControlRequest
+from headstock.pipeline.scene import ControlRequest, PathCut
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_drives import DriveTable, FrictionTable
 from headstock.pipeline.units import DAMPING
+from headstock.solvers.cutting_materials import CUTTING_MATERIALS
+from headstock.solvers.milling_forces import EndMill, MillingCut
 
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force is held
 
@@ -24,6 +26,17 @@ def build_control(scene: SceneTable, poses: tuple[str, ...]) -> ControlRequest |
     """What is asked of the control loops."""
     request = scene.analyses.control
     return None if request is None else ControlRequest(request.up_to, request.speed, tuple(request.poses or poses))
+
+
+def build_path_cut(scene: SceneTable) -> PathCut | None:
+    """What a path mills, where the effect ``cutting_force`` is on."""
+    path = scene.analyses.path
+    if path is None or path.cut is None or scene.effects.get("cutting_force", False) is False:
+        return None
+    table = path.cut
+    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
+    cut = MillingCut(mill, CUTTING_MATERIALS[table.material], table.spindle, table.axial_depth, table.radial_depth)
+    return PathCut(cut, table.at or next(iter(scene.points)), table.up)
 
 
 def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:

@@ -4,9 +4,10 @@ from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.schema_drives import DriveTable
+from headstock.pipeline.schema_path import PathTable
 from headstock.pipeline.toml_positions import KeyPath
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA = "drive_control", "friction", "screw_inertia"
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = "drive_control", "friction", "screw_inertia", "cutting_force"
 
 
 def check_drives(scene: SceneTable, findings: Findings) -> None:
@@ -102,6 +103,7 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
         if scene.effects.get(FRICTION, False) is not False:
             findings.add(("effects", FRICTION), "friction acts in runs in time, and the scene asks for none; add [analyses.path]")
         return
+    _check_cut(scene, path, findings)
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         return
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
@@ -111,6 +113,27 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
             findings.add(
                 ("analyses", "path", "to", axis), f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]"
             )
+
+
+def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
+    """The cut of a path, and the effect that needs it."""
+    key: KeyPath = ("analyses", "path", "cut")
+    cut = path.cut
+    if scene.mechanism is None and scene.effects.get(CUTTING_FORCE, False) is not False:
+        if cut is None:
+            findings.add(
+                ("effects", CUTTING_FORCE), "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material"
+            )
+        if scene.effects.get(DRIVE_CONTROL, False) is False:
+            findings.add(("effects", CUTTING_FORCE), "acts along paths of drives under control; switch drive_control on too")
+    if cut is None:
+        return
+    if cut.radial_depth > 0.5 * cut.mill.diameter:
+        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+    if cut.at is not None and cut.at not in scene.points:
+        findings.add((*key, "at"), f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}")
+    elif not scene.points:
+        findings.add(key, "there is no point where the tool could be; write [points]")
 
 
 def _check_analysis(scene: SceneTable, findings: Findings) -> None:

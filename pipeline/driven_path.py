@@ -1,6 +1,7 @@
 """The path stage with drives under control: the loop in a pose of the path, judged before any run in time."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -9,11 +10,13 @@ from headstock.geometry.machine_paths import travel_directions
 from headstock.geometry.machines import Machine
 from headstock.pipeline.control_stage import drive_machine
 from headstock.pipeline.run_state import RunState
-from headstock.pipeline.scene import PathRequest
+from headstock.pipeline.scene import PathCut, PathRequest
 from headstock.reduction.coupling import CoupledMachine
 from headstock.solvers.controlled_path import ControlledPath, solve_controlled_path, solve_rubbing_path
 from headstock.solvers.drive_loops import close_loops
+from headstock.solvers.errors import ModelError
 from headstock.solvers.loop_stability import require_stable
+from headstock.solvers.milling_forces import cutting_forces
 from headstock.solvers.path_response import PathDeviation
 from headstock.solvers.rubbing_loop import friction_ports
 from headstock.solvers.second_order import Port
@@ -22,6 +25,8 @@ from headstock.solvers.set_points import SetPoint
 ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer where a stiff integrator has them
 LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
+
+STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
 def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float) -> ControlledPath:
@@ -33,15 +38,19 @@ def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, s
     driven = drive_machine(state, coupled)
     require_stable(driven.system, driven.trains)
     ports = friction_ports(driven.trains)
+    cut = request.cut
+    pushed = () if cut is None else tuple((cut.at, dof) for dof in DOF_NAMES[:3])
     band = 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
     reach = (FRICTION_REACH if ports else LINEAR_REACH) * band
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     return ControlledPath(
-        loop=close_loops(driven.system, driven.trains, inputs=ports, outputs=request.outputs, up_to_hz=reach),
+        loop=close_loops(driven.system, driven.trains, inputs=(*pushed, *ports), outputs=request.outputs, up_to_hz=reach),
         shares=axis_shares(request),
         travel=np.array([travel_of_port(machine, directions, port) for port in request.outputs]),
         slow_hz=slow_hz,
+        loads=None if cut is None else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
+        load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
     )
 
 
@@ -57,6 +66,31 @@ def drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: F
         )
     state.energy_errors[f"{6e4 * move.feed:g} mm/min"] = motion.energy.error
     return deviation
+
+
+def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
+
+    Args:
+        request: The cut.
+        travel: ``(3,)`` of the tool against the work per travel along the path.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    up = np.array(request.up)
+    along = travel - (travel @ up) * up
+    size = float(np.linalg.norm(along))
+    if size < 1e-9:
+        raise ModelError(f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`")
+    along = along / size
+    # the part lies on the right of the travel, seen from above
+    turn = np.array([along, np.cross(up, along), up])
+    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ turn
+
+
+def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
+    return np.array([travel_of_port(machine, directions, (point, dof)) for dof in DOF_NAMES[:3]])
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:

@@ -118,7 +118,8 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
 def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
     table = scene.analyses.contouring
     if scene.mechanism is None:
-        for name in set(CONTOUR_EFFECTS) & {name for name, value in scene.effects.items() if value}:
+        along_path = {"cutting_force"} if scene.analyses.path is not None else set()
+        for name in (set(CONTOUR_EFFECTS) - along_path) & {name for name, value in scene.effects.items() if value}:
             findings.add(("effects", name), "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it")
     if table is None:
         return

@@ -108,6 +108,21 @@ class ContouringRequest:
 
 
 @dataclass(frozen=True)
+class PathCut:
+    """Milling along a path.
+
+    Attributes:
+        cut: Tool, material and engagement; the part lies on the right of the travel.
+        at: Point where the tool is.
+        up: Direction from the tool's tip to its holder, machine frame.
+    """
+
+    cut: MillingCut
+    at: str
+    up: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class PathRequest:
     """A straight move of axes, once per feed.
 
@@ -118,6 +133,7 @@ class PathRequest:
         sampling_hz: Samples a second.
         low_pass: What the deviation is filtered by; None for nothing.
         ring_down: How long after a ramp its ringing is looked at, and recorded after the end [s].
+        cut: What is milled on the way; None for a move in air.
     """
 
     path: MachinePath
@@ -126,6 +142,7 @@ class PathRequest:
     sampling_hz: float
     low_pass: LowPass | None
     ring_down: float
+    cut: PathCut | None = None
 
 
 @dataclass(frozen=True)

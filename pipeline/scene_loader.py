@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from headstock.geometry.frames import DOF_NAMES
-from headstock.pipeline.drive_builder import build_control, build_drives
+from headstock.pipeline.drive_builder import build_control, build_drives, build_path_cut
 from headstock.pipeline.drive_checks import check_drives
 from headstock.pipeline.effects import read_modal_damping
 from headstock.pipeline.machine_builder import build_machine, build_poses
@@ -172,6 +172,7 @@ def _build_path(table: SceneTable) -> PathRequest | None:
         sampling_hz=path.sampling,
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
         ring_down=path.ring_down,
+        cut=build_path_cut(table),
     )
 
 

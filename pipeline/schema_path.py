@@ -5,18 +5,35 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from headstock.pipeline.schema_connections import PoseTable
+from headstock.pipeline.schema_contouring import MillTable
 from headstock.pipeline.schema_types import (
+    Direction,
     PortName,
+    PositiveAngularSpeed,
     PositiveFrequency,
+    PositiveLength,
     PositiveSpeed,
     PositiveTime,
     RequestTable,
+    StrictTable,
     Text,
     problem,
 )
 
 Ports = Annotated[list[PortName], Field(min_length=1, max_length=30)]
 Feeds = Annotated[list[PositiveSpeed], Field(min_length=1, max_length=20)]
+
+
+class PathCutTable(StrictTable):
+    """Milling along a path, the part on the right of the travel; used with the effects `cutting_force` and `drive_control`."""
+
+    mill: MillTable
+    spindle: PositiveAngularSpeed
+    axial_depth: PositiveLength
+    radial_depth: PositiveLength
+    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
+    at: Text | None = None
+    up: Direction = (0.0, 0.0, 1.0)
 
 
 class PathTable(RequestTable):
@@ -34,6 +51,7 @@ class PathTable(RequestTable):
     lowpass: PositiveFrequency | None = None
     filter: Literal["zero_phase", "causal"] = "zero_phase"
     ring_down: PositiveTime = 0.3
+    cut: PathCutTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,6 +1,7 @@
 """Deviation from a path of a machine whose motors are under control: what lags, what follows, what sways and what rings."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,12 +27,16 @@ class ControlledPath:
         shares: Travel of each driven axis per travel along the path [-].
         travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the path.
         slow_hz: Poles below this size sway [Hz].
+        loads: Loads ``(n, n_loads)`` at instants and at the speeds along the path there; None for none.
+        load_step: Longest time over which a load may be taken for straight [s].
     """
 
     loop: ClosedLoop
     shares: Mapping[str, float]
     travel: FloatArray
     slow_hz: float
+    loads: Callable[[FloatArray, FloatArray], FloatArray] | None = None
+    load_step: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,7 @@ def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatAr
     """Deviation over a move by exact discretisation; the way and the speed are states, driven by the acceleration alone.
 
     Quasi-static is what constant speed (lag) and constant acceleration hold, without the slow poles; sway is the part of the slow
-    poles; dynamic is the ringing of the others.
+    poles; dynamic is the ringing of the others, and what loads do.
 
     Args:
         path: The loop and its path.
@@ -75,17 +80,24 @@ def solve_controlled_path(path: ControlledPath, move: SetPoint, samples: FloatAr
     a = np.zeros((size + 2, size + 2))
     a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
     a[size, size + 1] = 1.0
-    b = np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None]
+    first = len(set_ports(path.loop.trains))
+    own = space.b[:, first : first + _count_loads(path)]
+    b = np.hstack([np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None], np.vstack([own, np.zeros((2, own.shape[1]))])])
     slow = rows @ motion.slow
+    direct = np.zeros((2 * count, b.shape[1]))
+    direct[:count, 1:] = space.d[:count, first : first + own.shape[1]]
     c = np.vstack(
         [
             np.hstack([rows, -path.travel[:, None], np.zeros((count, 1))]),
             np.hstack([slow, -(slow @ motion.place)[:, None], -(slow @ motion.speed)[:, None]]),
         ]
     )
-    whole = StateSpace(a, b, c, np.zeros((2 * count, 1)), (), (), ())
-    times, places = step_times(move, samples)
-    found = solve_stepped_response(whole, times, step_accelerations(move, times)[:, :, None]).outputs[places]
+    whole = StateSpace(a, b, c, direct, (), (), ())
+    parts = max(1, math.ceil((samples[1] - samples[0]) / path.load_step))
+    fine = np.asarray(np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1), dtype=float)
+    times, places = step_times(move, fine)
+    given = np.concatenate([step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2)
+    found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
     follows = _follow(path, motion, move, samples)
     total, sway = found[:, :count], found[:, count:]
     return PathDeviation(samples, total, follows, sway, total - follows - sway)
@@ -95,7 +107,7 @@ def solve_rubbing_path(path: ControlledPath, move: SetPoint, samples: FloatArray
     """The same with friction in the guides, by a stiff integrator; what friction does counts as dynamic.
 
     Args:
-        path: Its loop is closed with ``friction_ports`` as its inputs.
+        path: Its loop is closed with its loads, then ``friction_ports``, as inputs.
         move: Along it.
         samples: ``(n,)`` from zero [s].
 
@@ -108,12 +120,27 @@ def solve_rubbing_path(path: ControlledPath, move: SetPoint, samples: FloatArray
     def given(instant: float) -> FloatArray:
         now = sample_move(move, np.array([instant]))
         own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
-        return np.concatenate([share * own for share in cosines])
+        loads = np.zeros(0) if path.loads is None else path.loads(np.array([instant]), now.speeds)[0]
+        return np.concatenate([*(share * own for share in cosines), loads])
 
     found = solve_motion(path.loop, given, samples, breaks=list_breaks(move))
     way = sample_move(move, samples).positions
     total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
     return PathDeviation(samples, total, linear.quasi_static, linear.sway, total - linear.quasi_static - linear.sway), found
+
+
+def _count_loads(path: ControlledPath) -> int:
+    if path.loads is None:
+        return 0
+    return path.loads(np.zeros(1), np.zeros(1)).shape[1]
+
+
+def _step_loads(path: ControlledPath, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Loads at the beginning and the end of each step ``(n - 1, 2, n_loads)``."""
+    if path.loads is None:
+        return np.zeros((len(times) - 1, 2, 0))
+    at = path.loads(times, sample_move(move, times).speeds)
+    return np.stack([at[:-1], at[1:]], axis=1)
 
 
 def _split(path: ControlledPath) -> _Motion:

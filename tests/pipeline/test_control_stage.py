@@ -17,6 +17,7 @@ from headstock.pipeline.store import Store
 from headstock.reduction.coupling import couple
 from headstock.reduction.driven_axes import place_drives, release_motors
 from headstock.reduction.rigid_reduction import reduce_rigid
+from headstock.solvers.milling_forces import cutting_forces
 from headstock.solvers.modal_analysis import solve_modal
 
 SCENE = """
@@ -226,3 +227,38 @@ def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None
     summary = summary_of(write_scene(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
     assert summary["failures"][0].startswith("path analysis: the control of axis X is unstable")
     assert "path" not in summary
+
+
+CUT = """
+[analyses.path.cut]
+mill = { diameter = "10 mm", teeth = 2, helix = "30 deg" }
+spindle = "6000 rpm"
+axial_depth = "1 mm"
+radial_depth = "2 mm"
+material = "al7075-t6-dry"
+"""
+
+
+def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_held_motors(tmp_path: Path) -> None:
+    text = PATH.replace('"600 mm/min", ', "") + CUT + '[analyses.static]\nat = "tcp"\n'
+    on = ("drive_control = true", "drive_control = true\ncutting_force = true")
+    path = write_scene(tmp_path, ("[analyses.control]", text), on)
+    scene = load_scene(path)
+    found = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    curves = found.path.runs[0].curves
+    # whole turns of the spindle at constant feed: 10 ms each
+    times = curves.deviation.times
+    steady = (times >= 0.25) & (times < 0.35)
+    mean = curves.deviation.total[steady].mean(axis=0)
+    fine = 0.25 + 1e-6 * np.arange(100_000)
+    force = cutting_forces(scene.analyses.path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
+    # along x, away from the part (to the left, y), up
+    expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
+    assert mean[1] == pytest.approx(expected[1], rel=1e-2)
+    assert mean[2] == pytest.approx(expected[2], rel=1e-2)
+    assert mean[0] == pytest.approx(-0.05 / 50.0, rel=1e-3)
+
+
+def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
+    assert scene.analyses.path.cut is None
