@@ -16,8 +16,7 @@ def measure_truncation(solver: ConstrainedSolver, psi: FloatArray, modes: FixedI
     """Moments of the modes left out, by one solve per boundary dof.
 
     ``X = K^-1 M psi`` in the space of the fixed-interface modes, less its part along those kept, has the energies
-    ``X^T K X = sum p_k p_k^T / omega_k^2`` and ``X^T M X = sum p_k p_k^T / omega_k^4`` over those left out. Both are Gram
-    matrices: never negative, and an error of the solve enters squared.
+    ``X^T K X = X^T M psi = sum p_k p_k^T / omega_k^2`` and ``X^T M X = sum p_k p_k^T / omega_k^4`` over those left out.
 
     Args:
         solver: With the interfaces fixed; collective.
@@ -33,10 +32,10 @@ def measure_truncation(solver: ConstrainedSolver, psi: FloatArray, modes: FixedI
     rest = solver.apply(weighted)
     if modes.shapes.shape[1]:
         rest -= modes.shapes @ (solver.product(modes.shapes, weighted) / modes.eigenvalues[:, None])
-    first, second = np.zeros((boundary, boundary)), np.zeros((boundary, boundary))
+    # K rest is M psi less what lies along the modes kept and what holds the interfaces, and rest is free of both
+    first, second = solver.product(rest, weighted), np.zeros((boundary, boundary))
     for start in range(0, boundary, COLUMNS):
         part = slice(start, start + COLUMNS)
-        first[:, part] = solver.product(rest, operators.apply_stiffness(rest[:, part]))
         second[:, part] = solver.product(rest, operators.apply_mass(rest[:, part]))
     found = Truncation(0.5 * (first + first.T), 0.5 * (second + second.T), (2.0 * np.pi * modes.cutoff_hz) ** 2)
     if modes.cutoff_hz > 0.0:
