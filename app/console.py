@@ -20,6 +20,7 @@ from headstock.app.error_texts import (
     show_frequency,
     show_plain_error,
     show_size,
+    show_span,
 )
 from headstock.pipeline.results import Json
 from headstock.pipeline.scene import Scene
@@ -181,8 +182,17 @@ def _describe_pose(modes: Json) -> str:
 def _mode_table(modes: Json) -> Table:
     damped = any(ratio is not None for ratio in modes["damping_ratio"])
     known = any(error is not None for error in modes["error_hz"][modes["rigid_count"] :])
-    table = make_table(">no.", ">Hz", *(["± Hz"] if known else []), *([">damping %"] if damped else []), "mode", "strain energy in")
-    for column in table.columns[1 : 3 if known else 2]:
+    spans = modes.get("interface_spread_hz", [])
+    table = make_table(
+        ">no.",
+        ">Hz",
+        *(["± Hz"] if known else []),
+        *(["interfaces"] if spans else []),
+        *([">damping %"] if damped else []),
+        "mode",
+        "strain energy in",
+    )
+    for column in table.columns[1 : 2 + known + bool(spans)]:
         column.no_wrap = True
     rows = zip(modes["frequencies_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True)
     for index, (frequency, ratio, name, shares) in enumerate(rows):
@@ -190,6 +200,8 @@ def _mode_table(modes: Json) -> Table:
         shown = ["0" if rigid else show_frequency(frequency, error)]
         if known:
             shown.append("" if rigid else show_error(error))
+        if spans:
+            shown.append(show_span(spans[index]))
         percent = [] if not damped else ["-" if ratio is None else f"{100.0 * ratio:.3f}"]
         add_row(table, str(index + 1), *shown, *percent, name, _top_shares(shares))
     return table

@@ -1,6 +1,7 @@
 """How error estimates read: ``77.4 ± 0.6``, the share of each source, and what is not in them."""
 
 import math
+from collections.abc import Sequence
 
 from rich.console import Console
 
@@ -39,6 +40,11 @@ def show_size(error: float | None) -> str:
     return f"± {rounded:.{max(0, decimals)}f}"
 
 
+def show_span(span: Sequence[float] | None) -> str:
+    """Lowest and highest frequency with averaging and rigid interfaces."""
+    return "-" if span is None else f"{span[0]:.4g} .. {span[1]:.4g}"
+
+
 def largest_shares(modes: Json) -> dict[str, float]:
     """Largest part [Hz] of each source over the elastic modes of a pose."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
@@ -49,7 +55,11 @@ def largest_shares(modes: Json) -> dict[str, float]:
 def error_words(modes: Json) -> list[str]:
     """What is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
-    words = [f"not in ±: {'; '.join(modes['error_left_out'])}"] if modes.get("error_left_out") else []
+    words = []
+    if modes.get("interface_spread_hz"):
+        words.append("interfaces: lowest and highest with every interface averaging or rigid")
+    if modes.get("error_left_out"):
+        words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
     if any(size is None for share in shares for size in share.values()):
         words.append(f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings")
     return words

@@ -143,6 +143,7 @@ NOTES = {
     "Static.poses": "all of them unless given",
     "Modal.count": "how many; 6 unless `up_to` is given",
     "Modal.up_to": "all up to this frequency",
+    "Modal.spread": "also with every interface rigid and with every one averaging: the range of each frequency",
     "Modal.poses": "all of them unless given",
     "Study.vary": 'keys of the scene and their values, `{ "components.column.mesh.size" = ["50 mm", "25 mm"] }`: every combination is a '
     'point; `variant = ["", "soft"]` varies the variant',

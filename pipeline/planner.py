@@ -7,7 +7,7 @@ the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response)
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import assert_never
 
 import numpy as np
@@ -26,6 +26,7 @@ from headstock.pipeline.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
+from headstock.pipeline.coupling_choices import has_choice
 from headstock.pipeline.scene import (
     Analyses,
     ContouringRequest,
@@ -70,6 +71,7 @@ def plan_scene(scene: Scene) -> Plan:
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += _pose_stages(pose, scene)
+    stages += _spread_stages(components, scene.analyses.modal)
     if scene.analyses.map is not None:
         stages.append(Stage("map", None, _describe_map(scene.analyses.map)))
     if scene.analyses.contouring is not None:
@@ -85,8 +87,21 @@ def plan_scene(scene: Scene) -> Plan:
         poses=poses,
         with_modes=is_dynamic(scene.analyses),
         gravity=gravity,
-        warnings=_plan_warnings(components),
+        warnings=(*_plan_warnings(components), *_spread_warnings(components, scene.analyses.modal)),
     )
+
+
+def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | None) -> list[Stage]:
+    chosen = [name for name, component in components.items() if has_choice(component)]
+    if modal is None or not modal.spread or not chosen:
+        return []
+    return [Stage("spread", None, f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}")]
+
+
+def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:
+    if modal is None or not modal.spread or any(has_choice(component) for component in components.values()):
+        return []
+    return ["modal.spread has nothing to vary: no component is elastic and has an interface that is no rail"]
 
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:

@@ -98,6 +98,8 @@ class PoseModes:
         kinetic_share: Per mode, share of the kinetic energy per component.
         shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
         placements: Frame of each component in the machine in this pose.
+        spread_hz: Lowest and highest frequency of each mode with every interface averaging and rigid [Hz]; None where it has no partner,
+            empty where none was asked for.
     """
 
     pose: Pose
@@ -111,6 +113,7 @@ class PoseModes:
     shapes: FloatArray
     damped_hz: tuple[float | None, ...] = ()
     placements: dict[str, Frame] = field(default_factory=dict)
+    spread_hz: tuple[tuple[float, float] | None, ...] = ()
 
     @property
     def error_hz(self) -> tuple[float | None, ...]:
@@ -324,7 +327,7 @@ def _summarise_probe(name: str, probe: ProbeResponse) -> Json:
 
 def _summarise_modes(modes: PoseModes) -> Json:
     what = f"modal analysis in pose {modes.pose.name}"
-    return {
+    summary: Json = {
         "pose_name": modes.pose.name,
         "pose": modes.pose.positions,
         "frequencies_hz": check_finite(what, modes.frequencies_hz),
@@ -339,6 +342,9 @@ def _summarise_modes(modes: PoseModes) -> Json:
         "energy_share": [dict(share) for share in modes.energy_share],
         "kinetic_share": [dict(share) for share in modes.kinetic_share],
     }
+    if modes.spread_hz:
+        summary["interface_spread_hz"] = [None if span is None else list(span) for span in modes.spread_hz]
+    return summary
 
 
 def _number_or_null(value: float) -> float | None:

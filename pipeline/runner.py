@@ -22,6 +22,7 @@ from headstock.pipeline.content_keys import library_versions
 from headstock.pipeline.contouring_stage import run_contour_stage
 from headstock.pipeline.control_stage import run_control_stage
 from headstock.pipeline.frf_stages import run_frf_stage
+from headstock.pipeline.interface_spread import run_spread_stage
 from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.map_stage import run_map_stage
@@ -57,6 +58,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "static": run_static_stage,
     "recover": run_recover_stage,
     "modal": run_modal_stage,
+    "spread": run_spread_stage,
     "place": run_place_stage,
     "map": run_map_stage,
     "contour": run_contour_stage,

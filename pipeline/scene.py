@@ -31,11 +31,15 @@ class StaticRequest:
 
 @dataclass(frozen=True)
 class ModalRequest:
-    """Natural frequencies: a count or everything up to a frequency [Hz], in named poses."""
+    """Natural frequencies: a count or everything up to a frequency [Hz], in named poses.
+
+    ``spread``: also with every interface rigid and with every one averaging.
+    """
 
     count: int | None = None
     up_to_hz: float | None = None
     poses: tuple[str, ...] = ()
+    spread: bool = False
 
 
 @dataclass(frozen=True)

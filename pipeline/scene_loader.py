@@ -118,7 +118,7 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
         static_request = StaticRequest(tuple(static.at or table.points), tuple(static.poses or poses))
     if modal is not None:
         count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
-        modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses))
+        modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses), modal.spread)
     contouring = build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False)))
     return Analyses(
         static=static_request,

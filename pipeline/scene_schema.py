@@ -43,6 +43,7 @@ class ModalTable(RequestTable):
     count: Count | None = None
     up_to: PositiveFrequency | None = None
     poses: Names | None = None
+    spread: Flag = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -18,6 +18,7 @@ StageKind = Literal[
     "static",
     "recover",
     "modal",
+    "spread",
     "frf",
     "path",
     "control",
@@ -36,8 +37,8 @@ class Stage:
         kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy, make a ``rigid`` one from its
             mass properties, ``segment`` one into a row of rigid bodies, ``load`` an imported superelement, ``couple`` the machine
             in a pose, ``place`` a lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
-            analysis, ``recover`` the response at probes, ``modal`` analysis, ``frf`` frequency response, ``path`` deviation from
-            a line, ``control`` closed loops of drives, ``write`` the results.
+            analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its frequencies with the kind of
+            interfaces, ``frf`` frequency response, ``path`` deviation from a line, ``control`` closed loops of drives, ``write`` the results.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.
