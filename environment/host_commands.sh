@@ -11,8 +11,7 @@ computes_elsewhere() {
 # Requests come as names through a named pipe; NAME.words holds a program and its arguments, one a line. The answer is NAME.out,
 # NAME.err and, last, NAME.code.
 serve_host_commands() {
-    exec 3<>"$1/requests"
-    while read -r request <&3; do
+    while read -r request; do
         set --
         while read -r word; do set -- "$@" "$word"; done <"$host_commands/$request.words"
         code=0
@@ -22,15 +21,18 @@ serve_host_commands() {
         esac
         echo "$code" >"$host_commands/$request.code.new"
         mv -f -- "$host_commands/$request.code.new" "$host_commands/$request.code"
-    done
+    done <"$host_commands/requests"
+    rm -rf -- "$host_commands"
 }
 
 start_host_commands() {
     host_commands=$(mktemp -d "${TMPDIR:-/tmp}/headstock-host.XXXXXX")
     mkfifo -- "$host_commands/requests"
     export HEADSTOCK_HOST_COMMANDS="$host_commands"
-    serve_host_commands "$host_commands" &
+    serve_host_commands &
     host_server=$!
+    # held open by this shell and what it starts: the other side ends when they all have, however they ended
+    exec 4>"$host_commands/requests"
     trap 'kill "$host_server" 2>/dev/null; rm -rf -- "$host_commands"' EXIT
     trap 'exit 130' INT
     trap 'exit 143' TERM HUP

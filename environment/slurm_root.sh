@@ -22,6 +22,6 @@ $project/environment/slurm_packages.txt"
 
 # Killed at any time, the launcher takes unshare with it, unshare the first process inside, and that one all others and the mounts.
 enter_slurm_root() {
-    PATH=$inner_path setpriv --pdeathsig KILL unshare --mount --pid --uts --fork --kill-child --propagation private \
+    PATH=$inner_path "$(command -v setpriv)" --pdeathsig KILL unshare --mount --pid --uts --fork --kill-child --propagation private \
         sh "$project/environment/chroot.sh" --chdir "$PWD" "$@"
 }

@@ -1,14 +1,18 @@
 """Sweeps as array jobs of a real Slurm, some tasks put back into the queue, killed or cancelled: the file of a local sweep comes out."""
 
+import contextlib
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+import h5py
 
 from headstock.validation.campaign_outcome import CampaignOutcome
 from headstock.validation.errors import CampaignError
@@ -121,6 +125,8 @@ def _sweep_once(places: SlurmPlaces, folder: str, ending: str, task: int) -> Non
     if fails:
         _check_complaint(said, task)
         _complete(places, folder, task)
+    if ending != ENDINGS[0]:
+        _check_kept(places, folder, task, requeued=not fails)
     _compare(places, folder)
 
 
@@ -132,17 +138,23 @@ def _disturb(places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]",
         if process.poll() is not None or time.monotonic() > end:
             raise CampaignError(f"task {task} wrote no pose")
         time.sleep(POLL_SECONDS)
+    # stopped, it stays unfinished until it is ended
+    _signal_task(places, folder, task, signal.SIGSTOP)
     if ending == ENDINGS[2]:
-        mark = f"--part {task}/{TASKS}"
-        for number, words in list_processes().items():
-            if mark in words and str(places.root / folder) in words:
-                os.kill(number, signal.SIGKILL)
+        _signal_task(places, folder, task, signal.SIGKILL)
         return
     tool = "requeue" if ending == ENDINGS[1] else "cancel"
     job = f"{_job_number(places, folder)}_{task}"
     done = places.run("scontrol", "requeue", job) if tool == "requeue" else places.run("scancel", job)
     if done.returncode:
         raise CampaignError(f"{tool} of {job}: {done.stderr.strip()}")
+
+
+def _signal_task(places: SlurmPlaces, folder: str, task: int, number: signal.Signals) -> None:
+    for process, words in list_processes().items():
+        if f"--part {task}/{TASKS}" in words and str(places.root / folder) in words:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, number)
 
 
 def _job_number(places: SlurmPlaces, folder: str) -> str:
@@ -155,6 +167,18 @@ def _check_complaint(said: str, task: int) -> None:
     named = [number for number in range(1, TASKS + 1) if f"task {number} (" in said]
     if named != [task] or f"_{task}.log" not in said:
         raise CampaignError(f"task {task} was ended, and the sweep said: {said[-1500:]}")
+
+
+def _check_kept(places: SlurmPlaces, folder: str, task: int, *, requeued: bool) -> None:
+    """The task that was begun twice computed only what it had not finished the first time."""
+    log = (places.root / folder / "slurm" / f"{_job_number(places, folder)}_{task}.log").read_text(errors="replace")
+    if requeued and "REQUEUE" not in log:
+        raise CampaignError(f"task {task} was not put back into the queue: {log[-1500:]}")
+    computed = re.findall(rf"part {task} of {TASKS}: (\d+) poses? computed", log)
+    with h5py.File(places.root / folder / FILES[0], "r") as file:
+        share = len(range(task - 1, len(file["positions"]), TASKS))
+    if not computed or not 0 < int(computed[-1]) < share:
+        raise CampaignError(f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}")
 
 
 def _complete(places: SlurmPlaces, folder: str, task: int) -> None:

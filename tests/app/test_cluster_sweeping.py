@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -161,15 +162,20 @@ def test_a_task_whose_scene_or_program_is_another_computes_nothing(tmp_path: Pat
     assert not (tmp_path / "far" / "poses").exists()
 
 
-def test_programs_that_are_only_on_the_host_are_called_through_the_launcher(
-    slurm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def start_host(tmp_path: Path) -> tuple["subprocess.Popen[str]", Path]:
+    """A shell that stays outside of a private root, and the folder in which it takes requests."""
     shell = f'. "{ROOT}/environment/host_commands.sh"; start_host_commands; echo "$HEADSTOCK_HOST_COMMANDS"; read -r end'
     host = subprocess.Popen(
         ["sh", "-c", shell], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(tmp_path)}
     )
-    assert host.stdin is not None and host.stdout is not None
-    answers = Path(host.stdout.readline().strip())
+    assert host.stdout is not None
+    return host, Path(host.stdout.readline().strip())
+
+
+def test_programs_that_are_only_on_the_host_are_called_through_the_launcher(
+    slurm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    host, answers = start_host(tmp_path)
     monkeypatch.setenv(HOST_VARIABLE, str(answers))
     monkeypatch.setenv("PATH", str(tmp_path / "empty"))
     require_slurm()
@@ -185,3 +191,14 @@ def test_programs_that_are_only_on_the_host_are_called_through_the_launcher(
         submit(script, [1])
     host.communicate("\n", timeout=20)
     assert not answers.exists()
+
+
+def test_a_launcher_killed_outside_leaves_neither_process_nor_folder(tmp_path: Path) -> None:
+    host, answers = start_host(tmp_path)
+    assert answers.is_dir()
+    host.kill()
+    host.communicate(timeout=20)
+    end = time.monotonic() + 20.0
+    while answers.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)

@@ -179,6 +179,20 @@ def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_o
     assert words[-4:] == ["campaign", "slurm", "--runs", "1"]
 
 
+def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(host: Host) -> None:
+    for tool, text in (("id", "echo 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
+        host.write(tool, f"#!/bin/sh\n{text}\n")
+    inner = host.environment(OPENBLAS_CORETYPE="Haswell")
+    found = [run([ROOT / "headstock", "campaign", "slurm"], inner) for _ in range(2)]
+    assert [done.returncode for done in found] == [0, 0], found[0].stderr
+    assert host.builds() == 1
+    assert ",slurm-wlm,munge " in host.log.read_text()
+    words = found[1].stdout.splitlines()
+    assert words[:4] == ["--pdeathsig", "KILL", "unshare", "--mount"]
+    assert "--kill-child" in words
+    assert words[-2:] == ["campaign", "slurm"]
+
+
 def test_slurm_is_not_started_by_an_ordinary_user(host: Host) -> None:
     host.ordinary_user()
     done = run([ROOT / "headstock", "campaign", "slurm"], host.environment())
