@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.components import Interface, Patch, RailSettings
+from headstock.pipeline.error_estimates import REDUCTION
 from headstock.pipeline.record_files import RecordError
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_loader import load_scene
@@ -55,6 +56,8 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None
     first = run_scene(scene, tmp_path / "a", comm=MPI.COMM_SELF, store=store)
     second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
     assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
+    bounds = [[error.shares[REDUCTION] for error in results.modal[0].errors] for results in (first, second)]
+    assert bounds[1] == pytest.approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0
     given, found = (results.static["reference"]["tcp"].compliance for results in (first, second))
     assert np.abs(found - given).max() <= 1e-12 * np.abs(given).max()
 
@@ -77,6 +80,11 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path, make_box, mak
     assert len(found.stations) == 6 and found.boundary_size == element.boundary_size
     expected = carriage_rows(element.rails["rail"], 0.17, 0.25)
     np.testing.assert_array_equal(carriage_rows(found.rails["rail"], 0.17, 0.25), expected)
+    np.testing.assert_array_equal(found.truncation.first, element.truncation.first)
+    wrong = dataclasses.replace(element.truncation, second=element.truncation.second[:-1])
+    write_superelement(tmp_path / "wrong.h5", dataclasses.replace(element, truncation=wrong))
+    with pytest.raises(RecordError, match="truncation/second has shape"):
+        read_superelement(tmp_path / "wrong.h5")
     short = dataclasses.replace(element.rails["rail"], control=element.rails["rail"].control[:-4])
     write_superelement(tmp_path / "short.h5", dataclasses.replace(element, rails={"rail": short}))
     with pytest.raises(RecordError, match=r"rails/rail/control has shape \(20, 30\), \(24, 30\) fits"):
