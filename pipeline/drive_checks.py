@@ -1,5 +1,6 @@
 """Checks of drives, of the effects that use them, and of what is asked of their control."""
 
+from headstock.pipeline.mechanism_checks import is_lumped
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_connections import JointTable
@@ -106,6 +107,8 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     _check_cut(scene, path, findings)
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         return
+    if path.lowpass is not None:
+        _check_sampling(scene, path.lowpass, "[analyses.path]", "lowpass", findings)
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
     for axis, end in path.to.items():
         start = path.start.get(axis)
@@ -142,10 +145,17 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
         return
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         findings.add(("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
+    if is_lumped(scene):
+        findings.add(("analyses", "control"), "a lumped mechanism has legs, not axes with drives; remove this analysis")
+    _check_sampling(scene, request.up_to, "[analyses.control]", "up_to", findings)
+
+
+def _check_sampling(scene: SceneTable, band: float, who: str, what: str, findings: Findings) -> None:
+    """Report drives that sample too slowly to show a band [Hz]."""
     for name, table in scene.drives.items():
-        if table.sampling is not None and 0.5 / table.sampling < request.up_to:
+        if table.sampling is not None and 0.5 / table.sampling < band:
             findings.add(
                 ("drives", name, "sampling"),
                 f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
-                f"[analyses.control] asks for {request.up_to:.4g} Hz; sample faster or lower up_to",
+                f"{who} asks for {band:.4g} Hz; sample faster or lower {what}",
             )

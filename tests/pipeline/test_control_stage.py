@@ -1,5 +1,6 @@
 """Drives of a scene: held motors leave everything as it was, free ones give clean travel, poles and failures with names."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -17,6 +18,10 @@ from headstock.pipeline.store import Store
 from headstock.reduction.coupling import couple
 from headstock.reduction.driven_axes import place_drives, release_motors
 from headstock.reduction.rigid_reduction import reduce_rigid
+from headstock.solvers.damping_models import add_modal_damping
+from headstock.solvers.drive_loops import close_loops
+from headstock.solvers.general_poles import find_poles
+from headstock.solvers.loop_stability import find_loop_poles
 from headstock.solvers.milling_forces import cutting_forces
 from headstock.solvers.modal_analysis import solve_modal
 
@@ -159,6 +164,27 @@ def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
     drive = control["drives"]["X"]
     assert drive["velocity_lag_um"] == pytest.approx(0.05 / 50.0 * 1e6, rel=1e-9)
     assert drive["margins"]["bandwidth_hz"] > 1.0
+
+
+def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solver(tmp_path: Path) -> None:
+    changes = (
+        ('integral_time = "20 ms"', 'encoder = "scale"\nscale = "tcp"'),
+        ("drive_control = true", "drive_control = true\nscrew_inertia = true"),
+    )
+    scene, coupled = couple_scene(write_scene(tmp_path, *changes))
+    trains = place_drives(coupled, scene.machine, scene.drives.values())
+    free = add_modal_damping(release_motors(coupled, trains).system, [0.01])
+    motor, scale = free.outputs["X", "motor"], free.outputs["X", "scale"]
+    kv, kp = trains[0].control.position_gain, trains[0].control.velocity_gain
+    # a P-P cascade is a damper at the motor, and a force on it that follows the scale
+    whole = dataclasses.replace(
+        free, damping=free.damping + kp * np.outer(motor, motor), stiffness=free.stiffness + kp * kv * np.outer(motor, scale)
+    )
+    theirs = find_poles(whole)
+    ours = find_loop_poles(close_loops(free, trains)).poles
+    assert len(ours) >= 5
+    for pole in ours:
+        assert np.abs(theirs - pole).min() < 1e-7 * abs(pole)
 
 
 def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
