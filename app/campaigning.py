@@ -15,6 +15,7 @@ from headstock.validation.campaign_outcome import CampaignOutcome
 from headstock.validation.disk_campaign import run_disk_campaign
 from headstock.validation.file_fuzz import run_file_fuzz
 from headstock.validation.kill_campaign import run_kill_campaign
+from headstock.validation.resume_campaign import run_resume_campaign
 from headstock.validation.scene_fuzz import run_scene_fuzz
 from headstock.validation.slurm_campaign import run_slurm_campaign
 
@@ -25,6 +26,7 @@ CAMPAIGNS: dict[str, tuple[Campaign, int]] = {
     "disk": (run_disk_campaign, 20),
     "fuzz": (run_scene_fuzz, 100_000),
     "files": (run_file_fuzz, 500),
+    "resume": (run_resume_campaign, 60),
     "slurm": (run_slurm_campaign, 4),
 }
 PROGRESS_SECONDS = 20.0

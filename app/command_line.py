@@ -36,7 +36,7 @@ Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", h
 
 
 def _list_campaigns() -> list[str]:
-    return ["kill", "disk", "fuzz", "files", "slurm"]
+    return ["kill", "resume", "disk", "fuzz", "files", "slurm"]
 
 
 def _list_shells() -> list[str]:
@@ -404,7 +404,9 @@ def schema(
 
 @app.command()
 def campaign(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="kill, disk, fuzz, files or slurm.", autocompletion=_list_campaigns)],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="kill, resume, disk, fuzz, files or slurm.", autocompletion=_list_campaigns)
+    ],
     runs: Annotated[
         int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500, 4].")
     ] = None,

@@ -34,6 +34,7 @@ NOTES = {
     "Sweep.axes": "a grid: first and last position and how many, of each axis; axes left out are at zero",
     "Sweep.poses": 'names of poses and positions, one by one: `["reference", { X = "10 mm" }]`',
     "Sweep.path": 'corners of a way: `[{ X = "-100 mm" }, { X = "100 mm", Y = "50 mm" }]`',
+    "Sweep.variant": "variant of the scene that is swept, `A+B` for several; it applies after one of the command line",
     "Sweep.step": "longest way between two poses of a path, of the axes that are measured like it",
     "Scene.drives": "motors, screws and controllers of axes, see [drives and control](drives.md); used with the effect `drive_control`",
     "Drive.axis": "the axis it moves; the drive's own name unless given",

@@ -24,6 +24,7 @@ from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_out
 from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.scene_overrides import VARIANT_JOINER
 from headstock.pipeline.slurm_jobs import SlurmOptions
 from headstock.pipeline.sweep_builder import check_sweep_carriages
 from headstock.pipeline.sweep_files import summarise_sweep, write_sweep
@@ -111,6 +112,10 @@ def _make_job(request: SweepRequest) -> SweepJob:
             f"{request.scene} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
         )
     sweep = scene.sweeps[request.name]
+    if sweep.variant is not None:
+        joined = VARIANT_JOINER.join(filter(None, [request.variant, sweep.variant]))
+        scene = load_scene(request.scene, variant=joined, overrides=request.overrides)
+        sweep = scene.sweeps[request.name]
     if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
         raise click.UsageError(
             f"{request.scene} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"

@@ -121,6 +121,16 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
     return found
 
 
+def count_poses(folder: Path) -> int:
+    """How many finished poses all journals of a folder hold."""
+    total = 0
+    for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
+        content = path.read_bytes()
+        key = content.partition(b"\n")[0].rpartition(b" ")[2].decode("ascii", "replace")
+        total += sum(1 for _ in _records(content, key))
+    return total
+
+
 def remove_other_journals(folder: Path, key: str) -> None:
     """Remove journals of other contents that no living process writes."""
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):

@@ -45,6 +45,7 @@ class SweepTable(StrictTable):
     poses: Places | None = None
     path: Waypoints | None = None
     step: AxisPosition | None = None
+    variant: Text | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

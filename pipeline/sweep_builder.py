@@ -1,5 +1,6 @@
 """From validated tables to sweeps, and what may be wrong with them."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from headstock.geometry.machines import Machine
 from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.rail_checks import SLACK, describe_overhang
 from headstock.pipeline.scene_errors import Findings, suggest_names
+from headstock.pipeline.scene_overrides import split_variant
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_sweeps import MAX_SWEEP_POSES, SweepTable
 from headstock.pipeline.sweep_poses import Sweep, count_path, make_grid, make_list, make_path, sweep_pose
@@ -28,6 +30,10 @@ def axis_units(scene: SceneTable) -> dict[str, str]:
 
 def build_sweep(name: str, scene: SceneTable) -> Sweep:
     """The sweep a faultless table stands for."""
+    return dataclasses.replace(_build_poses(name, scene), variant=scene.sweeps[name].variant)
+
+
+def _build_poses(name: str, scene: SceneTable) -> Sweep:
     table, units = scene.sweeps[name], axis_units(scene)
     if table.axes is not None:
         spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
@@ -45,6 +51,9 @@ def check_sweeps(scene: SceneTable, findings: Findings) -> None:
             if isinstance(place, str) and place not in scene.poses:
                 hint = suggest_names(place, scene.poses, what="poses")
                 findings.add(("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}")
+        for variant in (part for part in split_variant(table.variant) if part not in scene.variants):
+            hint = suggest_names(variant, scene.variants, what="variants")
+            findings.add(("sweeps", name, "variant"), f"unknown variant {variant[:80]!r}; {hint}")
         if (count := _count_poses(table, scene)) > MAX_SWEEP_POSES:
             key = "axes" if table.axes is not None else "step"
             findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")

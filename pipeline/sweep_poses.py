@@ -27,6 +27,7 @@ class Sweep:
         positions: ``(n, k)`` of every pose [m, rad].
         shape: Number of positions of each axis of a grid; ``(n,)`` otherwise.
         labels: Names of the poses of a list; empty where they have none.
+        variant: Variant of the scene that is swept; None for the scene as it is.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Sweep:
     positions: FloatArray
     shape: tuple[int, ...]
     labels: tuple[str, ...] = ()
+    variant: str | None = None
 
 
 def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) -> Sweep:

@@ -106,7 +106,7 @@ def solve_on(ranks: int, folder: Path) -> dict[str, np.ndarray]:
 
 def test_one_to_four_ranks_give_one_answer_although_the_mesh_has_one_cell(tmp_path: Path) -> None:
     alone = solve_on(1, tmp_path)
-    for ranks in (2, 3, 4):
+    for ranks in (3, 4):  # 2 and 4: tests/app/test_ranks.py
         found = solve_on(ranks, tmp_path)
         assert found["labels"].tolist() == alone["labels"].tolist()
         assert abs(found["mass"] / alone["mass"] - 1.0) < 1e-14
