@@ -29,8 +29,8 @@ COUNT, SEGMENTS = 6, 10
 
 
 def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
-    """Four modes of the machine with finite-element legs against the measured ones, and what was asked of them."""
-    case, tripteor = "tripteor-elastic-legs", load_legs("elastic_legs")
+    """Four modes of the machine with segmented legs against the measured ones, and what was asked of them."""
+    case, tripteor = "tripteor-elastic-legs", load_legs("elastic_legs+segmented")
     found = {pose: _solve(tripteor, pose) for pose in POSES}
     rows = []
     for pose in POSES:
@@ -53,7 +53,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
 def check_leg_roads(comm: MPI.Comm) -> list[ValidationRow]:
     """Finite-element and segmented legs against beam elements in a model of their own; stiff legs against the lumped model."""
     case, rows = "tripteor-leg-roads", []
-    segmented, meshed, stiff = (load_legs(name) for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs"))
+    segmented, meshed, stiff = (load_legs(name) for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented"))
     lumped = _lumped_frequencies()
     for pose in POSES:
         beams = solve_beams(segmented, pose, COUNT)
@@ -87,7 +87,8 @@ def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
     with COMPLIANCES.open("rb") as file:
         candidates: dict[str, Any] = tomllib.load(file)
     for name, entry in candidates.items():
-        tripteor = load_legs(entry["variant"], [*entry["set"], *(f"{key}={value}" for key, value in _leg_settings(entry).items())])
+        settings = (*entry["set"], *(f"{key}={value}" for key, value in _leg_settings(entry).items()))
+        tripteor = load_legs(entry["variant"], settings)
         errors = np.concatenate([_solve(tripteor, pose, 4) / _measured(pose) - 1.0 for pose in POSES])
         rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
         rows.append(
@@ -107,7 +108,7 @@ def _leg_settings(entry: dict[str, Any]) -> dict[str, str]:
     found = {}
     for leg in (1, 2, 3):
         if "tube" in entry:
-            outer, inner = entry["tube"]
+            outer, inner = entry["tube_3"] if leg == 3 and "tube_3" in entry else entry["tube"]
             found[f"components.beam_{leg}.solid.tube"] = f'{{ outer = "{outer}", inner = "{inner}", length = "1900 mm" }}'
         found[f"joints.screw_{leg}.stiffness.axial"] = f'"{entry["tip"]}"'
         found[f"components.beam_{leg}.segments.count"] = str(SEGMENTS)

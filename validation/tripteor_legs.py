@@ -1,7 +1,7 @@
 """The shipped Tripteor of components: reduced, coupled in its poses, and as a frame of beam elements."""
 
 import dataclasses
-from collections.abc import Sequence
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +40,8 @@ class LeggedTripteor:
         return couple(self.superelements, self.scene.machine, self.scene.poses[pose])
 
 
-def load_legs(variant: str, overrides: Sequence[str] = ()) -> LeggedTripteor:
+@functools.cache
+def load_legs(variant: str, overrides: tuple[str, ...] = ()) -> LeggedTripteor:
     """A variant with its components reduced; of equal ones that are meshed one stands for all."""
     scene = load_scene(SCENE, variant=variant, overrides=overrides)
     reduced: dict[str, Superelement] = {}

@@ -37,7 +37,7 @@ def frequencies(tripteor: LeggedTripteor, pose: str, count: int = 6) -> np.ndarr
 def test_the_first_four_modes_with_elastic_legs_are_the_measured_ones_within_a_tenth(elastic: LeggedTripteor, pose: str) -> None:
     found = frequencies(elastic, pose)
     assert np.abs(found[:4] / MEASURED[pose] - 1.0).max() < 0.08
-    assert 48.0 < found[1] < 58.0 and 85.0 < found[3] < 100.0 < found[4]
+    assert 48.0 < found[1] < 58.0 and 85.0 < found[3] < 100.0 and found[4] > MEASURED[pose][3]
 
 
 @pytest.mark.parametrize("pose", MEASURED)
@@ -47,7 +47,7 @@ def test_beam_elements_in_a_model_of_their_own_give_the_same_frequencies(elastic
 
 def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() -> None:
     stiff, lumped = load_legs("stiff_legs+segmented"), load_tripteor()
-    stiffer = load_legs("stiff_legs+segmented", ['materials.leg_steel.E="21000000 GPa"'])
+    stiffer = load_legs("stiff_legs+segmented", ('materials.leg_steel.E="21000000 GPa"',))
     for pose, state in lumped.poses.items():
         right = solve_pose_modes(linearise_poses(lumped.model, state)).frequencies_hz
         off = np.abs(frequencies(stiff, pose) / right - 1.0)
@@ -66,10 +66,10 @@ def test_a_softer_second_road_is_seen(elastic: LeggedTripteor, monkeypatch: pyte
     assert not np.allclose(frequencies(elastic, "config_1"), solve_beams(elastic, "config_1", 6), rtol=3e-4)
 
 
-def test_no_compliance_alone_beside_elastic_legs_does_as_well_as_the_frame_along_x_and_y() -> None:
+def test_legs_alone_do_not_do_and_a_frame_that_sways_does() -> None:
     rms = {row.quantity.partition(":")[0]: row.value for row in check_compliances(MPI.COMM_SELF)}
-    assert rms["elastic legs alone"] > 0.15
-    assert min(value for name, value in rms.items() if name.startswith("and ")) == rms["and sway of the frame along x and y"] < 0.04
+    assert rms["elastic legs alone"] > 0.15 and rms["and sway of the frame along x"] < 0.06
+    assert min(rms.values()) == rms["and sway of the frame along x, leg 3 of its own"] < 0.035
 
 
 def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_
     summary = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
     (modes,) = summary["modal"]
     assert modes["pose_name"] == "config_2" and np.allclose(modes["damping_ratio"], 0.02, rtol=1e-6)
-    assert "bends" in modes["mode_names"][0] and "columns" in modes["mode_names"][1]
+    assert "bend" in modes["mode_names"][0] and "columns" in modes["mode_names"][1]
     assert all(sum(shares.values()) == pytest.approx(1.0) for shares in modes["energy_share"])
     stiffness = 1e3 / np.diag(summary["static"]["tcp"]["compliance_um_per_kN"])
     assert (stiffness > 10.0).all() and (stiffness < 80.0).all()

@@ -142,7 +142,7 @@ def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) ->
     machines = ROOT / "machines"
     task = load_targets(machines / "tripteor_targets.toml", machines / "tripteor.toml").task
     assert [case.held_out for case in task.cases] == [(True,) * 4, (False,) * 4, (False,) * 4]
-    assert [parameter.name for parameter in task.parameters] == ["leg", "tip", "frame_x", "frame_y"]
+    assert [parameter.name for parameter in task.parameters] == ["legs_1_2", "leg_3", "frame"]
     lumped = tmp_path / "targets.toml"
     lumped.write_text((machines / "tripteor_targets.toml").read_text().replace('"elastic_legs+segmented"', '"lumped"', 1))
     with pytest.raises(SceneError, match="lumped mechanism, which has no joints to fit"):
