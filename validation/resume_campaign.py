@@ -10,6 +10,10 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
 
 from headstock.pipeline.pose_journals import count_poses
 from headstock.validation.campaign_outcome import CampaignOutcome
@@ -64,6 +68,9 @@ NAMES = {"sweep": "line", "study": "grid"}
 # what is run in turn; the last on two ranks, of which one is killed
 KINDS = ("sweep", "study", "sweep on 2 ranks")
 POLL_SECONDS = 0.005
+EQUAL, SINGLE = 1e-10, 1e-4  # of numbers, and of shapes in single precision
+
+Content = dict[str, Any]
 
 
 def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
@@ -104,24 +111,55 @@ def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[
     return outcome
 
 
-def read_content(folder: Path) -> str:
-    """What a sweep or a study found, without what it cost.
+def read_content(folder: Path) -> Content:
+    """What a sweep or a study found, without what it cost: names and their arrays, words or JSON.
 
     Raises:
         CampaignError: A file is missing or torn.
     """
     try:
         if (folder / "sweep.h5").is_file():
-            return (folder / "sweep.h5").read_bytes().hex()
+            with h5py.File(folder / "sweep.h5") as file:
+                return _read_arrays(file)
         records = [json.loads(line) for line in (folder / "points.jsonl").read_text().splitlines()]
         listing = json.loads((folder / "study.json").read_text())
     except (OSError, ValueError) as error:
         raise CampaignError(f"{folder} is torn: {error}") from error
-    kept = {record["key"]: [record["status"], record["summary"]["modal"], record["summary"]["static"]] for record in records}
-    return json.dumps([sorted(kept.items()), len(listing["rows"])], sort_keys=True)
+    kept: Content = {
+        record["key"]: json.dumps([record["status"], record["summary"]["modal"], record["summary"]["static"]]) for record in records
+    }
+    return kept | {"rows": str(len(listing["rows"]))}
 
 
-def _leave_alone(root: Path, kind: str) -> tuple[str, float]:
+def _read_arrays(file: h5py.File) -> Content:
+    found: Content = {str(name): str(value) for name, value in file.attrs.items()}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    file.visititems(keep)
+    return found
+
+
+def find_difference(found: Content, expected: Content) -> str:
+    """The first name whose content differs, by more than ``EQUAL`` of its largest number where it has numbers; empty for none."""
+    if found.keys() != expected.keys():
+        return f"other names: {sorted(found.keys() ^ expected.keys())[:3]}"
+    for name, value in expected.items():
+        other = found[name]
+        if isinstance(value, str) or isinstance(other, str) or value.dtype.kind != "f" or np.shape(value) != np.shape(other):
+            if not np.array_equal(value, other):
+                return f"{name} differs"
+            continue
+        limit = SINGLE if value.dtype == np.float32 else EQUAL
+        error = np.abs(value - other) / max(float(np.nanmax(np.abs(value), initial=0.0)), 1e-300)
+        if not np.array_equal(np.isnan(value), np.isnan(other)) or np.nanmax(error, initial=0.0) > limit:
+            return f"{name} differs by {np.nanmax(error, initial=0.0):.2g} of its largest number"
+    return ""
+
+
+def _leave_alone(root: Path, kind: str) -> tuple[Content, float]:
     """Content of an undisturbed one, and its seconds once everything is loaded."""
     folder, seconds = root / "alone", 0.0
     for _ in range(2):
@@ -132,11 +170,12 @@ def _leave_alone(root: Path, kind: str) -> tuple[str, float]:
     return read_content(folder), seconds
 
 
-def _finish(root: Path, folder: Path, kind: str, expected: str) -> None:
+def _finish(root: Path, folder: Path, kind: str, expected: Content) -> None:
     """Let it end, hold its content against that of an undisturbed one, and clear the folder."""
     _require_done(_start(root, folder, kind))
-    if read_content(folder) != expected:
-        raise CampaignError("the content differs from that of an undisturbed one")
+    difference = find_difference(read_content(folder), expected)
+    if difference:
+        raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
     shutil.rmtree(folder)
 
 
