@@ -64,6 +64,9 @@ def print_stage(record: StageRecord) -> None:
     stage = record.stage
     subject = stage.component or stage.pose or ""
     detail = f"cached  {record.detail}" if record.cached else record.detail
+    if stage.kind == "refine":
+        make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
+        return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
     make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
 

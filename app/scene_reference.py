@@ -156,6 +156,7 @@ NOTES = {
     "Study.analyses": "which analyses are run; all of the scene's unless given",
     "Study.store": "`cold`: every point starts from an empty store, so that seconds are those of the whole computation",
     "Study.repeats": "runs per point, for the median and spread of seconds",
+    "Study.truth": "settings of a run that all others are held against: makes it a [cost study](studies.md#what-accuracy-costs)",
     "Study.reference": "published study of this beam that the results are held against",
     "Family.label": "name in tables and figures",
     "Family.set": "as in the study, for this part only",

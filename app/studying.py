@@ -13,6 +13,8 @@ import click
 from mpi4py import MPI
 
 import headstock.validation
+from headstock.app.cost_charts import draw_costs
+from headstock.app.cost_listing import cost_table, list_costs, print_costs
 from headstock.app.guard import DONE, FAILED
 from headstock.app.ladder_charts import draw_ladder
 from headstock.app.ladder_listing import ladder_tables, list_claims, print_ladder
@@ -22,6 +24,7 @@ from headstock.app.study_charts import draw_study
 from headstock.app.study_listing import list_study, print_progress, print_study, study_csv
 from headstock.app.summary_tables import encode_csv
 from headstock.pipeline.content_keys import code_fingerprint
+from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.results import Json, dump_json
@@ -104,6 +107,8 @@ def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, re
     listing = list_study(table, request.scene)
     if table.study.reference is not None:
         listing |= _publish_ladder(ladder_beam(table.study.reference), records, folder)
+    if table.study.truth is not None:
+        listing |= _publish_costs(table, folder)
     write_output(folder / "study.csv", study_csv(table))
     write_output(folder / "study.json", dump_json(listing).encode())
     figure = draw_study(table)
@@ -111,6 +116,17 @@ def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, re
         write_output(folder / "study.png", encode_png(figure))
     if request.json_file is not None:
         write_output(request.json_file, dump_json(listing).encode())
+
+
+def _publish_costs(table: StudyTable, folder: Path) -> Json:
+    """Errors beside costs, as a table and a figure."""
+    points = weigh_costs(table)
+    write_output(folder / "cost.csv", encode_csv(cost_table(points)))
+    figure = draw_costs(points, {family.name: family.label for family in table.study.families})
+    if figure is not None:
+        write_output(folder / "cost.png", encode_png(figure))
+    print_costs(points)
+    return list_costs(points)
 
 
 def _publish_ladder(beam: LadderBeam, records: Sequence[StudyRecord], folder: Path) -> Json:

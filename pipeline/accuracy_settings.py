@@ -23,7 +23,7 @@ MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # errors fall like size^2 between smooth fields (4) and clamped edges or small patches (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
-LEAST_STEP, LARGEST_STEP = 0.85, 0.35
+LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 
 
 @dataclass(frozen=True)

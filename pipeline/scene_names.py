@@ -193,11 +193,13 @@ def _check_study(name: str, study: StudyTable, scene: SceneTable, raw: Mapping[s
     parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
     for place, table in parts:
         varied = table.vary or {}
-        for section, paths in (("vary", varied), ("set", table.set)):
+        truth = (table.truth or {}) if isinstance(table, StudyTable) else {}
+        for section, paths in (("vary", varied), ("set", table.set), ("truth", truth)):
             for path in paths:
-                if not (section == "vary" and path == VARIANT) and (reason := path_exists(raw, path)):
+                if not (section in {"vary", "truth"} and path == VARIANT) and (reason := path_exists(raw, path)):
                     findings.add((*place, section, path), reason)
-        chosen = [part for choice in varied.get(VARIANT, ()) if choice for part in split_variant(str(choice))]
+        choices = [*varied.get(VARIANT, ()), *([truth[VARIANT]] if VARIANT in truth else [])]
+        chosen = [part for choice in choices if choice for part in split_variant(str(choice))]
         for variant in (part for part in chosen if part not in scene.variants):
             hint = suggest_names(variant, scene.variants, what="variants")
             findings.add((*place, "vary", VARIANT), f'unknown variant {variant[:80]!r}; {hint}; "" is the scene as it stands')

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from headstock.pipeline.schema_types import Count, Flag, Name, Names, StrictTable, Text, problem
-from headstock.pipeline.study_points import MAX_POINTS
-from headstock.pipeline.watch_paths import WatchError, parse_watch
+from headstock.pipeline.study_points import MAX_POINTS, TRUTH
+from headstock.pipeline.watch_paths import MEASURED_NAMES, WatchError, parse_watch
 
 MAX_REPEATS = 100
 
@@ -65,6 +65,7 @@ class StudyTable(StrictTable):
     store: Literal["warm", "cold"] = "warm"
     repeats: Annotated[Count, Field(le=MAX_REPEATS)] = 1
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
+    truth: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -76,5 +77,9 @@ class StudyTable(StrictTable):
             )
         if self.watch is None and self.reference is None:
             raise problem('watches nothing; write watch = ["modal.frequencies_hz[0:6]", "seconds"]')
+        if self.truth is not None and all(parse_watch(path).steps[0] in MEASURED_NAMES for path in self.watch or ()):
+            raise problem('holds nothing against its truth; write watch = ["modal.frequencies_hz[0:6]"]')
+        if TRUTH in self.families:
+            raise problem(f"calls a family {TRUTH!r}, which is the name of the run that the others are held against")
         _check_lengths(self.vary or {}, pairwise=self.pairwise)
         return self

@@ -1,7 +1,7 @@
 """From validated tables to studies."""
 
 from headstock.pipeline.schema_studies import FamilyTable, StudyTable
-from headstock.pipeline.study_points import Study, StudyFamily
+from headstock.pipeline.study_points import TRUTH, VARIANT, Study, StudyFamily
 
 
 def build_study(name: str, table: StudyTable) -> Study:
@@ -10,6 +10,10 @@ def build_study(name: str, table: StudyTable) -> Study:
     if table.vary is not None:
         vary = {key: tuple(values) for key, values in table.vary.items()}
         families = [StudyFamily("", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ()))]
+    if table.truth is not None:
+        settings = {key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT}
+        vary = {VARIANT: (str(table.truth[VARIANT]),)} if VARIANT in table.truth else {}
+        families.insert(0, StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ())))
     return Study(
         name=name,
         families=tuple(families),
@@ -17,6 +21,7 @@ def build_study(name: str, table: StudyTable) -> Study:
         cold=table.store == "cold",
         repeats=table.repeats,
         reference=table.reference,
+        truth=table.truth,
     )
 
 

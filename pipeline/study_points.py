@@ -8,6 +8,7 @@ from typing import Any
 
 VARIANT = "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
 MAX_POINTS = 100_000
+TRUTH = "truth"  # family of the one point that the others are held against
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,7 @@ class Study:
         watch: Paths into a point's summary.
         cold: Every point starts with an empty store, so that seconds are those of the whole computation.
         repeats: How often each point is computed, for the spread of its seconds.
+        truth: Settings of the run that all others are held against, so that errors stand beside costs; None without one.
         reference: Published study that the results are held against; None for studies of one's own.
     """
 
@@ -50,6 +52,7 @@ class Study:
     cold: bool = False
     repeats: int = 1
     reference: str | None = None
+    truth: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)

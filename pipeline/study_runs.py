@@ -22,7 +22,7 @@ from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.scene_overrides import VARIANT_JOINER, split_variant
 from headstock.pipeline.store import Store, default_store_root
-from headstock.pipeline.study_points import Study, StudyPoint, expand_study, make_point
+from headstock.pipeline.study_points import TRUTH, Study, StudyPoint, expand_study, make_point
 from headstock.pipeline.study_records import StudyRecord, append_record, read_records
 
 # of no influence on a point's results
@@ -88,7 +88,7 @@ def check_points(job: StudyJob) -> None:
         first = {key: values[0] for key, values in family.vary.items()}
         alone = [{**first, key: value} for key, values in family.vary.items() for value in values]
         pairs = [dict(zip(family.vary, values, strict=True)) for values in zip(*family.vary.values(), strict=family.pairwise)]
-        for varied in pairs if family.pairwise else alone:
+        for varied in pairs if family.pairwise else alone or [{}]:
             try:
                 _load_point(job, make_point(family, varied))
             except SceneError as error:
@@ -126,7 +126,7 @@ def run_study(
     warm: set[str] = set()
     for number, point in enumerate(points):
         if number in waiting:
-            record, error = _compute_point(job, point, comm, warm_up=job.study.cold and point.family not in warm)
+            record, error = _compute_point(job, point, comm, warm_up=job.study.cold and point.family not in {*warm, TRUTH})
             warm.add(point.family)
             if root:
                 known[keys[number]] = replace(record, key=keys[number])
@@ -181,7 +181,7 @@ def _compute_point(job: StudyJob, point: StudyPoint, comm: MPI.Comm, *, warm_up:
     record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
     try:
         # the first run of a kind loads libraries and compiles element kernels: not a cost of this point
-        for number in range(-warm_up, job.study.repeats):
+        for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
             with _scratch_store(cold=job.study.cold) as (scratch, store), measure() as cost:
                 scene = share_from_root(comm, _reload(job, point) if comm.rank == 0 else None)
                 results = run_scene(scene, scratch, comm=comm, store=store)

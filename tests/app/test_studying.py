@@ -32,6 +32,11 @@ repeats = 2
 [studies.broken]
 vary = { "joints.clamp.kind" = ["rigid", "mount"] }
 watch = "status"
+[studies.cost]
+truth = { "components.column.segments.count" = 40 }
+vary = { "components.column.segments.count" = [2, 4, 8] }
+watch = ["modal.frequencies_hz[0:2]"]
+store = "cold"
 [studies.sizes]
 vary = { "components.column.mesh.size" = ["40 mm", "20 mm", "10 mm"] }
 watch = "totals.mass_kg"
@@ -137,3 +142,16 @@ def test_a_ladder_draws_the_paper_s_figures_and_lists_its_claims(tmp_path: Path,
         assert [row["verdict"] for row in csv.DictReader(file)][: len(claims)] == [
             "held" if c["held"] else "not held" for c in claims
         ]
+
+
+def test_a_study_with_a_truth_shows_what_accuracy_costs(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", str(scene_file), "cost", "-o", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "What accuracy costs" in printed and "of processor time" in printed
+    rows = list(csv.DictReader((tmp_path / "out" / "cost.csv").read_text().splitlines()))
+    errors = [float(row["error"]) for row in rows]
+    assert errors == sorted(errors, reverse=True) and errors[-1] > 0.0
+    assert json.loads((tmp_path / "out" / "study.json").read_text())["costs"][0]["settings"] == "column.segments.count = 2"
+    assert (tmp_path / "out" / "cost.png").stat().st_size > 10_000
