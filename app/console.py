@@ -272,7 +272,7 @@ def _path_title(path: Json) -> str:
 
 
 def _path_table(path: Json) -> Table:
-    table = make_table("feed", "at", "zone", ">peak", ">at s", ">span", ">static", ">ringing", ">rms", ">settles")
+    table = make_table("feed", "at", "zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
     for column in table.columns:
         column.no_wrap = True
     for run in path["feeds"]:
@@ -280,10 +280,10 @@ def _path_table(path: Json) -> Table:
             unit = "urad" if output["port"][1].startswith("r") else "um"
             for zone in ("accelerating", "decelerating"):
                 found = output[zone]
-                sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "rms")}
+                sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "frozen_peak")}
                 settling = "-" if found["settling_s"] is None else f"{found['settling_s']:.3f}"
                 cells = (sizes["peak"], f"{found['peak_s']:.4f}", sizes["span"], sizes["quasi_static"], sizes["dynamic"])
-                add_row(table, run["name"], " ".join(output["port"]), f"{zone[:5]}.", *cells, sizes["rms"], settling)
+                add_row(table, run["name"], " ".join(output["port"]), f"{zone[:5]}.", *cells, settling, sizes["frozen_peak"])
     return table
 
 

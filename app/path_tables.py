@@ -27,6 +27,8 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
         for part, words in PART_NAMES.items():
             headings.append(f"{words} {name_port(port)} [{unit}]")
             columns.append(factor * getattr(found, part)[:, number])
+        headings.append(f"deviation in the pose of the middle {name_port(port)} [{unit}]")
+        columns.append(factor * curves.frozen[:, number])
     return PlainTable(
         path_stem(curves), tuple(headings), tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
     )

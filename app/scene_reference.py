@@ -227,6 +227,8 @@ NOTES = {
     "Map.on_request": "run only when named: `--analysis map`",
     "Frf.on_request": "run only when named: `--analysis frf`",
     "Contouring.on_request": "run only when named: `--analysis contouring`",
+    "Path.pose_changes": "`followed`: the machine's matrices change along the way; `frozen`: those of its middle hold, "
+    "as they do with drives under control; `followed` without these unless given",
     "Path.on_request": "run only when named: `--analysis path`",
     "Limits.elements": "most elements a component may have",
     "Limits.memory": "most memory a stage may take, by estimate",

@@ -35,6 +35,9 @@ def check_path(scene: SceneTable, findings: Findings) -> None:
         for axis, value in stops.items():
             if fault := _find_stop_fault(axis, value.value, value.dimension == LENGTH, scene):
                 findings.add((*KEY, end, axis), fault)
+    if table.pose_changes == "followed" and scene.drives and scene.effects.get("drive_control", False) is not False:
+        text = 'drives under control are closed in the pose of the middle; write "frozen", or leave the effect drive_control away'
+        findings.add((*KEY, "pose_changes"), text)
     if table.outputs is None and not scene.points:
         findings.add(KEY, 'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]')
     if len(findings.problems) == known:

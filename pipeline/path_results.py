@@ -28,6 +28,7 @@ class PathCurves:
         zones: Beginning and end of both ramps [s].
         outputs: Where the deviation is.
         deviation: Sampled, as filtered.
+        frozen: ``(n, n_outputs)`` deviation if the pose stayed that of the middle, as filtered.
         positions: ``(n,)`` set point along the path [m].
         accelerations: ``(n,)`` of the set point [m/s^2].
     """
@@ -36,6 +37,7 @@ class PathCurves:
     zones: tuple[tuple[float, float], tuple[float, float]]
     outputs: tuple[Port, ...]
     deviation: PathDeviation
+    frozen: FloatArray
     positions: FloatArray
     accelerations: FloatArray
 
@@ -52,10 +54,37 @@ class PathRun:
     Attributes:
         curves: What is tabled and drawn.
         figures: Of every output, in both zones.
+        frozen_figures: The same if the pose stayed that of the middle.
     """
 
     curves: PathCurves
     figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+    frozen_figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+
+
+@dataclass(frozen=True)
+class FollowedPoses:
+    """How the poses of a path were followed.
+
+    Attributes:
+        stations: Poses in which the machine was coupled.
+        error: Largest error of what was interpolated between all but the last of them; 1/16 of it between all.
+        turn_error: What carrying modes along without the last of them would have turned them by [rad].
+        modes: How many were followed.
+        next_hz: Lowest frequency of a mode that was not [Hz]; None where all were.
+        steps: Places between which the steps in time are interpolated.
+        truncation: Largest difference that leaving out higher modes makes in the middle pose, over the largest deviation.
+        effect: Largest difference from the deviation in the frozen pose, one per feed [m, rad].
+    """
+
+    stations: int
+    error: float
+    turn_error: float
+    modes: int
+    next_hz: float | None
+    steps: int
+    truncation: float
+    effect: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +103,7 @@ class PathResult:
         damped: Any damping is on.
         slow_hz: Modes below sway.
         slow_count: How many these are.
+        poses: How the poses were followed; None where that of the middle held.
         runs: One per feed.
         drives: Drives under control; empty where motors follow their set points.
         energy_error: By feed, what the balance of energy misses, of its largest part; where friction acts.
@@ -90,6 +120,7 @@ class PathResult:
     damped: bool
     slow_hz: float
     slow_count: int
+    poses: FollowedPoses | None
     runs: tuple[PathRun, ...]
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
@@ -97,7 +128,8 @@ class PathResult:
 
 def summarise_path(found: PathResult) -> Json:
     """The entry in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
-    summary = {item.name: getattr(found, item.name) for item in dataclasses.fields(found) if item.name != "runs"}
+    summary = {item.name: getattr(found, item.name) for item in dataclasses.fields(found) if item.name not in ("runs", "poses")}
+    summary["poses"] = None if found.poses is None else dataclasses.asdict(found.poses)
     return summary | {"feeds": [_summarise_run(run) for run in found.runs]}
 
 
@@ -107,8 +139,8 @@ def _summarise_run(run: PathRun) -> Json:
         "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [
-            {"port": list(port), **{name: _summarise_zone(port, zone) for name, zone in zip(ZONES, zones, strict=True)}}
-            for port, zones in zip(run.curves.outputs, run.figures, strict=True)
+            {"port": list(port), **{name: _summarise_zone(port, *zone) for name, *zone in zip(ZONES, zones, frozen, strict=True)}}
+            for port, zones, frozen in zip(run.curves.outputs, run.figures, run.frozen_figures, strict=True)
         ],
     }
 
@@ -118,11 +150,12 @@ def deviation_unit(port: Port) -> tuple[str, float]:
     return ("urad" if port[1].startswith("r") else "um"), 1e6
 
 
-def _summarise_zone(port: Port, zone: ZoneFigures) -> Json:
+def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> Json:
     unit, factor = deviation_unit(port)
     times = {"begin_s": zone.begin, "ramp_end_s": zone.ramp_end, "end_s": zone.end, "peak_s": zone.peak_time}
     sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
-    return times | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes} | {"settling_s": zone.settling}
+    found = times | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes} | {"settling_s": zone.settling}
+    return found | {f"frozen_peak_{unit}": factor * frozen.peak}
 
 
 def fill_path(group: h5py.Group, curves: PathCurves) -> None:
@@ -132,6 +165,7 @@ def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["times"], group["positions"], group["accelerations"] = curves.deviation.times, curves.positions, curves.accelerations
     for name in _PARTS:
         group[name] = getattr(curves.deviation, name)
+    group["frozen"] = curves.frozen
 
 
 def parse_path(group: h5py.Group) -> PathCurves:
@@ -144,4 +178,5 @@ def parse_path(group: h5py.Group) -> PathCurves:
     deviation = PathDeviation(group["times"][:], *(group[name][:] for name in _PARTS))
     ports = tuple(split_port(text.decode()) for text in group["outputs"][:])
     feed = float(group.attrs["feed"])
-    return PathCurves(feed, (first, second), ports, deviation, group["positions"][:], group["accelerations"][:])
+    series = (group[name][:] for name in ("frozen", "positions", "accelerations"))
+    return PathCurves(feed, (first, second), ports, deviation, *series)

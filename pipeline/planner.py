@@ -126,6 +126,11 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 
+def path_band(request: PathRequest) -> float:
+    """How high a path analysis looks [Hz]: to its low-pass, or as far as its samples tell frequencies apart."""
+    return 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
+
+
 def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
     return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path, analyses.control))
@@ -139,8 +144,7 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
     if analyses.frf is not None:
         found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
     if analyses.path is not None:
-        low_pass = analyses.path.low_pass
-        found["path analysis"] = (0.5 * analyses.path.sampling_hz if low_pass is None else low_pass.frequency_hz, MODE_MARGIN)
+        found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
     if analyses.control is not None:
         found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
     return found

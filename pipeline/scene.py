@@ -138,6 +138,7 @@ class PathRequest:
         low_pass: What the deviation is filtered by; None for nothing.
         ring_down: How long after a ramp its ringing is looked at, and recorded after the end [s].
         cut: What is milled on the way; None for a move in air.
+        follows_pose: The machine's matrices change along the way; else those of its middle hold.
     """
 
     path: MachinePath
@@ -147,6 +148,7 @@ class PathRequest:
     low_pass: LowPass | None
     ring_down: float
     cut: PathCut | None = None
+    follows_pose: bool = True
 
 
 @dataclass(frozen=True)

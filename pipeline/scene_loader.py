@@ -32,6 +32,7 @@ from headstock.pipeline.scene_names import check_references
 from headstock.pipeline.scene_overrides import apply_settings, apply_values, apply_variant
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
+from headstock.pipeline.schema_path import PathTable
 from headstock.pipeline.study_builder import build_study
 from headstock.pipeline.sweep_builder import build_sweep, check_sweeps
 from headstock.solvers.path_figures import LowPass
@@ -173,7 +174,13 @@ def _build_path(table: SceneTable) -> PathRequest | None:
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
         ring_down=path.ring_down,
         cut=build_path_cut(table),
+        follows_pose=_follows_pose(table, path),
     )
+
+
+def _follows_pose(table: SceneTable, path: PathTable) -> bool:
+    """A loop under control is closed in the pose of the middle, unless something else is written."""
+    return not build_drives(table) if path.pose_changes is None else path.pose_changes == "followed"
 
 
 def _expand_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:

@@ -52,6 +52,7 @@ class PathTable(RequestTable):
     filter: Literal["zero_phase", "causal"] = "zero_phase"
     ring_down: PositiveTime = 0.3
     cut: PathCutTable | None = None
+    pose_changes: Literal["followed", "frozen"] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -10,7 +10,9 @@ from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import turn_dofs
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
+from headstock.solvers.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.varying_system import PosedModes
 
 PATH_INPUT = ("path", "acceleration")
 
@@ -48,3 +50,12 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
         travel = turn_dofs(superelement, placement).T @ own
         stacked[coupled.offsets[name]] = -coupled.matrices.masses[name] @ travel
     return np.asarray(coupled.basis.T @ stacked)
+
+
+def stack_modes(system: SecondOrderSystem, modes: ModalResult, coupled: CoupledMachine) -> PosedModes:
+    """A system with its modes in the stacked dofs of the components, which are the same in every pose of a path."""
+    motions = coupled.basis @ modes.shapes
+    momenta = np.zeros_like(motions)
+    for name, own in coupled.offsets.items():
+        momenta[own] = coupled.matrices.masses[name] @ motions[own]
+    return PosedModes(system, modes, motions, momenta)

@@ -20,7 +20,7 @@ def make_curves(feed: float) -> PathCurves:
     follows = np.column_stack([-3e-7 * motion.accelerations, 1e-7 * motion.accelerations])
     rings = 1e-7 * np.column_stack([np.sin(500.0 * times), np.cos(500.0 * times)])
     deviation = PathDeviation(times, follows + rings, follows, np.zeros_like(follows), rings)
-    return PathCurves(feed, move.zones, PORTS, deviation, motion.positions, motion.accelerations)
+    return PathCurves(feed, move.zones, PORTS, deviation, follows + rings, motion.positions, motion.accelerations)
 
 
 def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
@@ -28,9 +28,9 @@ def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
     assert table.name == "path_3000"
     assert table.headings[3:7] == ("deviation tcp z [um]", "quasi-static tcp z [um]", "sway tcp z [um]", "ringing tcp z [um]")
     rows = np.array(table.rows)
-    assert rows.shape == (5000, 3 + 2 * 4)
+    assert rows.shape == (5000, 3 + 2 * 5)
     np.testing.assert_allclose(rows[:, 3], rows[:, 4:7].sum(axis=1), atol=1e-15)
-    np.testing.assert_allclose(rows[:, 7], rows[:, 8:].sum(axis=1), atol=1e-15)
+    np.testing.assert_allclose(rows[:, 8], rows[:, 9:12].sum(axis=1), atol=1e-15)
 
 
 def test_a_thinned_curve_keeps_its_ends_and_its_peaks() -> None:

@@ -150,3 +150,29 @@ def test_a_rotary_axis_is_no_path(tmp_path: Path) -> None:
     text = SCENE.replace('direction = "x"\nlimits = ["-100 mm", "100 mm"]', 'kind = "rotary"\ndirection = "z"')
     with pytest.raises(SceneError, match="a path moves linear axes only"):
         load(tmp_path, text)
+
+
+def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: Path) -> None:
+    followed = run_path(tmp_path)
+    assert followed.poses is not None
+    assert followed.poses.stations == 9
+    assert followed.poses.error < 5e-5
+    kept = run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request'))
+    assert kept.poses is None
+    for one, other in zip(followed.runs, kept.runs, strict=True):
+        np.testing.assert_array_equal(one.curves.frozen, other.curves.deviation.total)
+        np.testing.assert_array_equal(other.curves.frozen, other.curves.deviation.total)
+        # the slider's way on its bed changes little, and what it changes is reported
+        change = np.abs(one.curves.deviation.total - one.curves.frozen).max()
+        assert 1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
+    assert followed.poses.effect == pytest.approx(
+        [np.abs(run.curves.deviation.total - run.curves.frozen).max() for run in followed.runs]
+    )
+
+
+def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path: Path) -> None:
+    slow, fast = (
+        run.curves.deviation for run in run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request')).runs
+    )
+    count = int(0.4 * 2500)
+    np.testing.assert_allclose(fast.total[:count], 5.0 * slow.total[:count], atol=1e-9 * np.abs(fast.total).max())
