@@ -1,0 +1,45 @@
+"""Arguments and options that commands share, and how their texts are read."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from headstock.pipeline.scene import Scene
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
+Variant = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B.")
+]
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write what is printed as JSON too.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
+Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
+Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
+
+
+def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
+    """The scene; raises SceneError with every problem."""
+    from headstock.pipeline.scene_loader import load_scene
+
+    return load_scene(scene, variant=variant, overrides=overrides or [])
+
+
+def write_json_file(path: Path | None, content: Any) -> None:
+    """Write what was printed, where a file was named."""
+    if path is not None:
+        from headstock.pipeline.result_files import write_output
+        from headstock.pipeline.results import dump_json
+
+        write_output(path, dump_json(content).encode())
+
+
+def read_solid(text: str | None) -> int | str | None:
+    """A number of a solid, or its name."""
+    return int(text) if text is not None and text.isdecimal() else text
+
+
+def split_list(text: str | None) -> tuple[str, ...]:
+    """The parts of ``A, B,C``."""
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
