@@ -53,6 +53,7 @@ from headstock.validation.modal_benchmarks import (
     check_square_column,
 )
 from headstock.validation.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
+from headstock.validation.path_cases import check_path_roads, check_path_test
 from headstock.validation.rail_bases import check_rail_bases
 from headstock.validation.reduction_cases import (
     check_all_modes,
@@ -131,6 +132,8 @@ CASES: tuple[Case, ...] = (
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
     Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
     Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
+    Case("path-test", "path", "the path test of Kono et al. with variants BE and YCE", check_path_test),
+    Case("path-roads", "path", "a path by carried modes and by absolute coordinates", check_path_roads),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
     Case("rod-peak", "time_response", "its sharp peak with 1200 modes", check_rod_peak, on_request=True),
     Case("nafems-5t", "time_response", "NAFEMS 5T, deep beam under a suddenly applied load", check_transient_beam),
