@@ -31,17 +31,20 @@ def estimate_missing_energy(mesh: ComponentMesh, material: Material, displacemen
 
     Source: Zienkiewicz and Zhu (1987), Int. J. Numer. Meth. Engng. 24, 337-357; Strang and Fix (1973), ch. 6, for eigenvalues.
     """
+    count = displacement.shape[1]
+    if count == 0:
+        return np.zeros((0, 0))
     key = cell_family(mesh.kind), cell_order(mesh.kind)
     samples, _ = gauss_places(mesh.kind, SAMPLE_DEGREES[key])
     taken = scaled_stresses(mesh, material, displacement, samples).values
     recovery = recover_stresses(mesh, samples)
     smooth = recovery.spread @ (recovery.fit @ taken.reshape(-1, taken.shape[2]))
     places, weights = gauss_places(mesh.kind, ENERGY_DEGREES[key])
-    shapes, count = interpolate(mesh.kind, places), displacement.shape[1]
+    shapes = interpolate(mesh.kind, places)
     # in straight tetrahedra the stress is a polynomial that its samples determine
     extend = _extension(key[1], samples, places) if key[0] == "tet" and mesh.straight else None
     energy = np.zeros((count, count))
-    step = max(1, BLOCK_VALUES // (len(places) * max(taken.shape[2], 1)))
+    step = max(1, BLOCK_VALUES // (len(places) * taken.shape[2]))
     for start in range(0, len(mesh.cells), step):
         cells = slice(start, start + step)
         if extend is None:

@@ -113,7 +113,7 @@ def pytest_sessionfinish(session, exitstatus):
     if claims is None:
         return
     if exitstatus != 0:
-        raise pytest.UsageError("a hard case failed: no table was written")
+        return  # what failed is told by pytest, and no table is written
     for nodeid in PASSED:
         claims.setdefault(_key(nodeid), Claim()).runs += 1
     titles = {Path(item.path).name: ast.get_docstring(ast.parse(Path(item.path).read_text())) for item in session.items}
