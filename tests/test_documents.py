@@ -77,3 +77,9 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
     links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text())
     local = [link for link in links if "://" not in link]
     assert [link for link in local if not (path.parent / link).exists()] == []
+
+
+def test_the_table_of_hard_cases_names_every_case_and_every_file() -> None:
+    table = (ROOT / "docs" / "hard_cases.md").read_text()
+    assert [number for number in range(1, 53) if f"\n## H{number:02d}" not in table] == []
+    assert [path.name for path in sorted((ROOT / "tests" / "hard_cases").glob("test_h*.py")) if path.name not in table] == []
