@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import headstock.pipeline.slurm_tools
 from headstock.app.command_line import main
 from headstock.pipeline.slurm_jobs import FOLDER, SCRIPT_FILE
 from headstock.pipeline.slurm_tools import HOST_VARIABLE, SlurmError, read_states, require_slurm, submit
@@ -63,6 +64,8 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     monkeypatch.delenv(HOST_VARIABLE, raising=False)
+    # the stand-in computes before it answers
+    monkeypatch.setattr(headstock.pipeline.slurm_tools, "TOOL_SECONDS", 900.0)
     return folder
 
 
