@@ -43,10 +43,11 @@ def _draw_panel(axes: Axes, points: Sequence[CostPoint], cost: str, labels: dict
     calm_axes(axes)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    families = list(dict.fromkeys(point.row.record.family for point in points if not point.automatic))
+    points = [point for point in points if cost != "memory" or point.memory_known]
     swept = [point for point in points if not point.automatic]
     front = pareto_front(swept, cost)
     axes.plot(*_places(front, cost), color=FAINT, linewidth=5.0, solid_capstyle="round", zorder=0, label="cheapest for its error")
-    families = list(dict.fromkeys(point.row.record.family for point in swept))
     for number, family in enumerate(families):
         own = sorted((point for point in swept if point.row.record.family == family), key=lambda point: read_cost(point, cost))
         color, mark = COLORS[number % len(COLORS)], MARKS[number % len(MARKS)]

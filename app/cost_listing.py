@@ -25,7 +25,7 @@ def print_costs(points: Sequence[CostPoint]) -> None:
             point.worst,
             cpu,
             wall,
-            f"{point.memory_mb:.0f}",
+            f"{'' if point.memory_known else '≤ '}{point.memory_mb:.0f}",
             f"{point.dofs:,}".replace(",", " "),
         )
         add_row(table, name_point(point), *numbers, mark)

@@ -1,5 +1,6 @@
 """What a run costs and how far it is off: the points of a study that holds its runs against one of them."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from headstock.pipeline.study_tables import StudyRow, StudyTable, is_number, med
 from headstock.pipeline.watch_paths import MEASURED_NAMES
 
 ACCURACY = "accuracy"
+SAME_PEAK = 0.002  # two runs in a row whose peaks differ by less have one between them
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +24,8 @@ class CostPoint:
         worst: Which one.
         seconds: Wall-clock time, median and spread of the repeats [s].
         cpu_seconds: Processor time of all threads and child processes, likewise [s].
-        memory_mb: Peak resident memory [MB].
+        memory_mb: Peak resident memory [MB]; where a process cannot forget its peak, no more than this.
+        memory_known: The peak rose with this point, or fell, so that it is its own.
         dofs: Degrees of freedom before reduction.
         best: Nothing computed is both cheaper in processor time and closer.
         automatic: Its settings were chosen for an accuracy.
@@ -35,6 +38,7 @@ class CostPoint:
     cpu_seconds: tuple[float, float]
     memory_mb: float
     dofs: int
+    memory_known: bool = True
     best: bool = False
     automatic: bool = False
 
@@ -48,14 +52,22 @@ def weigh_costs(table: StudyTable) -> list[CostPoint]:
     if not truths:
         return []
     exact = {column: value for column, value in truths[0].values.items() if is_number(value) and column not in MEASURED_NAMES}
-    points = [point for row in table.rows if row.record.family != TRUTH and (point := _weigh(row, exact, table))]
+    points = []
+    before = 0.0
+    for row in table.rows:
+        point = _weigh(row, exact, table)
+        if point is not None:
+            known = abs(point.memory_mb - before) > SAME_PEAK * before
+            before = point.memory_mb
+            points += [dataclasses.replace(point, memory_known=known)] if row.record.family != TRUTH else []
     return [_mark(point, points) for point in points]
 
 
 def pareto_front(points: Sequence[CostPoint], cost: str) -> list[CostPoint]:
     """Points that none is both cheaper and closer than, by rising cost: ``cpu``, ``memory`` or ``dofs``."""
     front: list[CostPoint] = []
-    for point in sorted(points, key=lambda point: (read_cost(point, cost), point.error)):
+    shown = [point for point in points if cost != "memory" or point.memory_known]
+    for point in sorted(shown, key=lambda point: (read_cost(point, cost), point.error)):
         if not front or point.error < front[-1].error:
             front.append(point)
     return front
@@ -97,4 +109,4 @@ def _relative(value: Any, exact: float) -> float:
 def _mark(point: CostPoint, points: Sequence[CostPoint]) -> CostPoint:
     front = pareto_front([other for other in points if not other.automatic], "cpu")
     best = any(other is point for other in front)
-    return CostPoint(**{**vars(point), "best": best})
+    return dataclasses.replace(point, best=best)

@@ -13,7 +13,8 @@ def build_study(name: str, table: StudyTable) -> Study:
     if table.truth is not None:
         settings = {key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT}
         vary = {VARIANT: (str(table.truth[VARIANT]),)} if VARIANT in table.truth else {}
-        families.insert(0, StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ())))
+        # last: what it needs of memory would hide what the others need where a process cannot forget its peak
+        families.append(StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ())))
     return Study(
         name=name,
         families=tuple(families),
