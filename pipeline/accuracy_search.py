@@ -16,7 +16,15 @@ from headstock.pipeline.accuracy_quantities import (
     list_quantities,
     worst_quantity,
 )
-from headstock.pipeline.accuracy_settings import Trial, is_chosen, mode_margin, refine_mesh, refine_modes, start_component
+from headstock.pipeline.accuracy_settings import (
+    Trial,
+    are_twins,
+    is_chosen,
+    mode_margin,
+    refine_mesh,
+    refine_modes,
+    start_component,
+)
 from headstock.pipeline.budgets import BudgetError
 from headstock.pipeline.error_estimates import DISCRETISATION
 from headstock.pipeline.planner import FRF_MARGIN, plan_scene
@@ -145,7 +153,7 @@ def _judge(
         rigid |= _rigid_candidates(state, parts, goal.to)
         parts |= {name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid}
     _remember(trials, parts, quantities)
-    for (name, kind), ratio in _wanted_ratios(quantities, goal.to, rigid).items():
+    for (name, kind), ratio in _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts).items():
         if kind == RIGID_MODEL or (isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION):
             return _Verdict(True, scene, found, failure=f"the {kind} of {name} is not ours to refine")
         if kind == DISCRETISATION:
@@ -177,9 +185,20 @@ def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[s
     return wanted
 
 
+def _share_with_twins(wanted: Mapping[Owner, float], parts: Mapping[str, Component]) -> dict[Owner, float]:
+    """The same with equal components refined alike, so that one superelement serves them all."""
+    return {
+        (other, kind): min(ratio for (name, same), ratio in wanted.items() if same == kind and are_twins(parts[name], parts[other]))
+        for owner, kind in wanted
+        for other in parts
+        if is_chosen(parts[other]) and are_twins(parts[owner], parts[other])
+    }
+
+
 def _remember(trials: dict[str, tuple[Trial, ...]], parts: Mapping[str, Component], quantities: list[Quantity]) -> None:
     for name, part in parts.items():
-        errors = [quantity.parts.get((name, DISCRETISATION), 0.0) for quantity in quantities]
+        twins = [other for other in parts if are_twins(part, parts[other])]
+        errors = [quantity.parts.get((other, DISCRETISATION), 0.0) for quantity in quantities for other in twins]
         known = trials.get(name, ())
         if part.mesh.size is not None and max(errors, default=0.0) > 0.0 and (not known or known[-1].size != part.mesh.size):
             trials[name] = (*known, Trial(part.mesh.size, max(errors)))

@@ -23,6 +23,7 @@ MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # errors fall like size^2 between smooth fields (4) and clamped edges or small patches (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
+RIM_RATE = 1.2  # around the rim of a rigid patch within a face, where stresses are singular
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 
 
@@ -63,7 +64,8 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     size = component.mesh.size
     if size is None:
         raise ValueError("a mesh without a size cannot be refined")
-    step = float(np.clip(ratio ** (1.0 / observed_rate(trials)), LARGEST_STEP, LEAST_STEP))
+    rate = observed_rate(trials, RIM_RATE if _has_rigid_rims(component) else DEFAULT_RATE)
+    step = float(np.clip(ratio ** (1.0 / rate), LARGEST_STEP, LEAST_STEP))
     finer = dataclasses.replace(component.mesh, size=float(f"{step * size:.3g}"))
     if _narrowest_patch(component) < size:
         # the elements at a small patch do not follow the size: they would stay as they are
@@ -79,10 +81,10 @@ def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highes
     return dataclasses.replace(component, reduction=settings)
 
 
-def observed_rate(trials: tuple[Trial, ...]) -> float:
-    """Power of the mesh size with which the last two trials fell."""
+def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
+    """Power of the mesh size with which the last two trials fell; what is expected of the first one alone."""
     if len(trials) < 2:
-        return DEFAULT_RATE
+        return expected
     before, after = trials[-2:]
     if not (before.size > after.size > 0.0 and before.error > after.error > 0.0):
         return SLOWEST_RATE
@@ -116,3 +118,14 @@ def _narrowest_patch(component: Component) -> float:
     """Narrowest imprint of a component [m]; inf without any."""
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
     return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
+
+
+def _has_rigid_rims(component: Component) -> bool:
+    """Whether a patch within a face is held rigidly."""
+    held = [interface for interface in component.interfaces.values() if interface.coupling == "rigid"]
+    return any(patch.shape != "whole" for interface in held for patch in interface.patches)
+
+
+def are_twins(first: Component, second: Component) -> bool:
+    """Whether two components are equal but for their name and place, so that the store serves one with the superelement of the other."""
+    return all(getattr(first, name) == getattr(second, name) for name in ("solid", "material", "interfaces", "mass", "fidelity"))

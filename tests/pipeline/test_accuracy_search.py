@@ -108,3 +108,18 @@ def test_small_patches_are_meshed_with_tetrahedra_and_refined_themselves() -> No
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
     assert observed_rate((Trial(4.0, 0.32), Trial(2.0, 0.04))) == pytest.approx(3.0)
     assert observed_rate((Trial(2.0, 0.04), Trial(1.0, 0.05))) < 1.0
+
+
+def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -> None:
+    scene = make_scene(AccuracyGoal(0.006))
+    column = scene.machine.components["column"]
+    tower = dataclasses.replace(column, name="tower", placement=Frame(np.array([0.1, 0.0, 0.1])))
+    joints = scene.machine.joints | {
+        "tower": Joint("tower", (JointEnd("block", "tip"), JointEnd("tower", "foot")), "rigid", held=tuple(range(6)))
+    }
+    machine = dataclasses.replace(scene.machine, components=scene.machine.components | {"tower": tower}, joints=joints)
+    results = run(dataclasses.replace(scene, machine=machine), tmp_path)
+    assert results.accuracy is not None and results.accuracy["met"]
+    settings = results.accuracy["settings"]
+    assert settings["tower"] == settings["column"]
+    assert all(record.cached for record in results.stages if record.stage.kind == "reduce" and record.stage.component == "tower")
