@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from headstock.app.console import sort_shares
 from headstock.app.summary_tables import static_by_pose
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.mode_files import file_stem
-from headstock.pipeline.results import Json
 
 DPI = 130
 BARS_SHOWN = 8

@@ -29,8 +29,8 @@ def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) 
 def write_json_file(path: Path | None, content: Any) -> None:
     """Write what was printed, where a file was named."""
     if path is not None:
+        from headstock.pipeline.json_texts import dump_json
         from headstock.pipeline.result_files import write_output
-        from headstock.pipeline.results import dump_json
 
         write_output(path, dump_json(content).encode())
 

@@ -21,10 +21,10 @@ from headstock.app.running import require_ranks
 from headstock.geometry.components import Fidelity
 from headstock.pipeline.comparison import compare_variants
 from headstock.pipeline.comparison_summary import summarise_comparison, summarise_effort
+from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root

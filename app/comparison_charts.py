@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from headstock.app.charts import DPI, FAINT, INK, calm_axes, read_pixels
 from headstock.app.comparison_listing import alike_rigid_modes
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import COLORS
-from headstock.pipeline.results import Json
 
 DIRECTIONS = ("x", "y", "z")
 LEVEL_HALF_WIDTH = 0.3

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from headstock.app.console import WIDTH_WITHOUT_TERMINAL, make_console, make_table, print_table, spaced
 from headstock.app.summary_tables import PlainTable, encode_csv
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 DIRECTIONS = ("x", "y", "z")
 MISSING = "–"

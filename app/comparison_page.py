@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from headstock.app.comparison_listing import alike_rigid_modes, comparison_csv, describe_store
 from headstock.app.report import STYLE, read_asset, report_environment
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 TEMPLATE = "comparison_template.html"
 

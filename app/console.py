@@ -22,7 +22,7 @@ from headstock.app.error_texts import (
     show_size,
     show_span,
 )
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, StageRecord
 

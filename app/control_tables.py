@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 

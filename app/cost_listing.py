@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from headstock.app.console import add_row, make_console, make_table, print_table
 from headstock.app.summary_tables import PlainTable
 from headstock.pipeline.cost_points import CostPoint, cheapest_within
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.study_points import shorten_key, show_value
 
 BOUNDS = (0.1, 0.03, 0.01, 0.003, 0.001)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 MOST_DECIMALS = 3
 NO_BOUND = "± ?"

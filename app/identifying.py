@@ -11,8 +11,8 @@ from headstock.app.guard import DONE, FAILED
 from headstock.app.identification_tables import print_identification, print_start, print_task
 from headstock.pipeline.identification import identify, prepare_problem
 from headstock.pipeline.identification_files import OVERRIDES_FILE, RECORD_FILE, render_overrides, summarise_identification
+from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import dump_json
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
 from headstock.pipeline.target_files import load_targets

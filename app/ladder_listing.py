@@ -9,7 +9,7 @@ from rich.text import Text
 
 from headstock.app.console import add_row, make_console, make_table, print_table
 from headstock.app.summary_tables import PlainTable
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.validation.ladder_claims import Claim
 from headstock.validation.ladder_deviations import ndof_within, pick_rungs
 from headstock.validation.ladder_points import KINDS, LadderPoint

@@ -11,10 +11,10 @@ import numpy as np
 
 from headstock.app.picture_scenes import Picture, mode_picture, rest_picture
 from headstock.app.png_images import encode_png
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
 from headstock.pipeline.result_files import read_curves, read_summary, read_view
-from headstock.pipeline.results import Json
 
 MACHINE_SIZE = (1500, 960)
 MODE_SIZE = (720, 480)

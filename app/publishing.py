@@ -12,11 +12,11 @@ from headstock.app.pictures import Drawing, draw_machine, draw_pictures, stills_
 from headstock.app.report import render_report, write_report
 from headstock.app.summary_tables import encode_csv, list_tables
 from headstock.pipeline.frf_results import ResponseCurves
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.mode_files import write_mode_files
 from headstock.pipeline.path_results import PathCurves
 from headstock.pipeline.result_files import SUMMARY_FILE, OutputError, write_output
-from headstock.pipeline.results import Json
 from headstock.pipeline.store import Store, default_store_root
 
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"

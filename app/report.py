@@ -25,11 +25,11 @@ from headstock.app.report_path import draw_path
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
 from headstock.app.viewer_data import EncodedMachine, encode_machine
 from headstock.pipeline.frf_results import ResponseCurves
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
 from headstock.pipeline.path_results import PathCurves
 from headstock.pipeline.result_files import REPORT_FILE, write_output
-from headstock.pipeline.results import Json
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
 CURSOR = "response_cursor.js"

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from markupsafe import Markup
 
 from headstock.app.console import sort_shares
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 SHOWN_SHARE = 0.005
 BARS_SHOWN = 10

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
 COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b")

@@ -4,7 +4,7 @@ import math
 
 from markupsafe import Markup
 
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1040, 230, 56, 16, 22, 34
 LEAST, MOST = 1e-3, 1.0

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from headstock.app.png_images import encode_png
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 WIDTH, LEFT, TOP, BOTTOM = 330, 46, 22, 34
 # five stops of viridis, told apart by most colour-blind readers and in grey

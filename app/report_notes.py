@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from headstock.app.error_texts import accuracy_words
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from headstock.app.guard import DONE, FAILED
 from headstock.app.progress import show_progress
 from headstock.app.publishing import publish_run
 from headstock.geometry.solids import MeshFile, StepFile
+from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import Results, dump_json, summarise
+from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses, list_analyses
 from headstock.pipeline.scene_loader import load_scene

@@ -16,8 +16,8 @@ from headstock.geometry.skins import Skin
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
 from headstock.meshing.mesh_skins import unmeshed_skin
+from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.result_files import write_output
-from headstock.pipeline.results import dump_json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_loader import load_scene
 

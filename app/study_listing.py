@@ -9,7 +9,7 @@ from rich.console import Console
 
 from headstock.app.console import add_row, make_console, make_table, print_remarks, print_table
 from headstock.app.summary_tables import PlainTable, encode_csv
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.study_points import describe_point, shorten_key, show_value
 from headstock.pipeline.study_records import POINTS_FILE, StudyRecord
 from headstock.pipeline.study_runs import StudyProgress

@@ -25,9 +25,9 @@ from headstock.app.study_listing import list_study, print_progress, print_study,
 from headstock.app.summary_tables import encode_csv
 from headstock.pipeline.content_keys import code_fingerprint
 from headstock.pipeline.cost_points import weigh_costs
+from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
-from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.study_records import StudyRecord

@@ -7,8 +7,8 @@ from itertools import product
 from typing import Any
 
 from headstock.app.console import sort_shares
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.mode_files import file_stem
-from headstock.pipeline.results import Json
 
 DIRECTIONS = ("x", "y", "z")
 

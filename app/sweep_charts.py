@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from headstock.app.charts import DPI, INK, calm_axes, read_pixels
 from headstock.app.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.sweep_poses import SHOWN
 
 PER_ROW = 3

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from headstock.app.console import add_row, counted, make_console, make_table, print_remarks, print_table
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.sweep_poses import describe_positions, moving_axes
 from headstock.pipeline.sweep_results import SweepResults
 from headstock.pipeline.sweep_runs import SweepJob

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from headstock.app.report import STYLE, read_asset, report_environment
 from headstock.app.sweep_quantities import list_quantities
 from headstock.app.viewer_data import script_json
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.sweep_poses import SHOWN
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"

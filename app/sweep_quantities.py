@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 FIGURE_TITLES = {
     "softest_N_per_um": ("smallest dynamic stiffness", "N/µm"),

@@ -18,10 +18,10 @@ from headstock.app.sweep_charts import draw_sweep
 from headstock.app.sweep_listing import print_sweep, print_sweep_header
 from headstock.app.sweep_page import render_sweep
 from headstock.app.sweep_parts import compute_part
+from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.pose_journals import remove_other_journals
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_output
-from headstock.pipeline.results import Json, dump_json
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.scene_overrides import VARIANT_JOINER

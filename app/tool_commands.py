@@ -102,7 +102,7 @@ def schema(
 
     def action() -> int:
         from headstock.app.scene_reference import render_reference
-        from headstock.pipeline.results import dump_json
+        from headstock.pipeline.json_texts import dump_json
         from headstock.pipeline.scene_schema import schema_json
 
         content = schema_json()

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.pipeline.analysis_requests import MapRequest
 from headstock.pipeline.contouring_runs import run_contour
-from headstock.pipeline.scene import MapRequest
 from headstock.pipeline.workspace_map import map_workspace
 from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
 from headstock.validation.contouring_cases import contour_request

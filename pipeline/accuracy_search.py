@@ -25,13 +25,14 @@ from headstock.pipeline.accuracy_settings import (
     refine_modes,
     start_component,
 )
+from headstock.pipeline.analysis_requests import Analyses, ModalRequest
 from headstock.pipeline.budgets import BudgetError
 from headstock.pipeline.error_estimates import DISCRETISATION
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.planner import FRF_MARGIN, plan_scene
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.results import Json
 from headstock.pipeline.run_state import RunState
-from headstock.pipeline.scene import AccuracyGoal, Analyses, ModalRequest, Scene
+from headstock.pipeline.scene import AccuracyGoal, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 MOST_ROUNDS = 9

@@ -3,7 +3,8 @@
 import numpy as np
 
 from headstock.pipeline.comparison import Comparison, ModeRow, full_dofs
-from headstock.pipeline.results import UM_PER_KN, Json, check_finite
+from headstock.pipeline.json_texts import Json, check_finite
+from headstock.pipeline.result_summary import UM_PER_KN
 from headstock.pipeline.variant_solving import Effort, VariantSolution
 from headstock.reduction.compliance_budget import PointBudget, WeakLink
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import ContouringRequest
 from headstock.pipeline.force_files import ForceRecord, resample_forces
-from headstock.pipeline.scene import ContouringRequest, SceneMechanism
+from headstock.pipeline.scene import SceneMechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.contouring import (
     GiveHistory,

@@ -7,8 +7,9 @@ import numpy as np
 
 from headstock.geometry.exechon_poses import solve_tool_pose
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import ContouringRequest
 from headstock.pipeline.contouring_runs import travel_frames
-from headstock.pipeline.scene import ContouringRequest, SceneMechanism
+from headstock.pipeline.scene import SceneMechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.mechanism_modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
 from headstock.solvers.milling_stability import (

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from headstock.geometry.exechon import LENGTHS
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import ContouringRequest
 from headstock.pipeline.contouring_runs import ContourRun, face_instants, high_share
 from headstock.pipeline.contouring_stability import face_stability
-from headstock.pipeline.scene import ContouringRequest, SceneMechanism
+from headstock.pipeline.scene import SceneMechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.contouring import GiveHistory, drive_forces
 

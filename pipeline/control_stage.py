@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.damped_machines import damp_system
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
 from headstock.reduction.coupling import CoupledMachine

@@ -3,8 +3,8 @@
 import math
 
 from headstock.geometry.drives import AxisControl, Drive, GuideFriction
+from headstock.pipeline.analysis_requests import ControlRequest, PathCut
 from headstock.pipeline.drive_checks import DRIVE_CONTROL, FRICTION, SCREW_INERTIA, driven_axis, find_screws
-from headstock.pipeline.scene import ControlRequest, PathCut
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_drives import DriveTable, FrictionTable
 from headstock.pipeline.units import DAMPING

@@ -8,9 +8,9 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine_paths import travel_directions
 from headstock.geometry.machines import Machine
+from headstock.pipeline.analysis_requests import PathCut, PathRequest
 from headstock.pipeline.control_stage import drive_machine
 from headstock.pipeline.run_state import RunState
-from headstock.pipeline.scene import PathCut, PathRequest
 from headstock.reduction.coupling import CoupledMachine
 from headstock.solvers.controlled_path import ControlledPath, solve_controlled_path, solve_rubbing_path
 from headstock.solvers.drive_loops import close_loops

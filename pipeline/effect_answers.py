@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 RIGID_HZ = 1e-2  # below it a frequency is a rigid-body mode's
 

@@ -12,7 +12,8 @@ from mpi4py import MPI
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.effect_answers import Change, compare_answers
 from headstock.pipeline.effects import EFFECT_NAMES
-from headstock.pipeline.results import Json, summarise
+from headstock.pipeline.json_texts import Json
+from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses
 from headstock.pipeline.scene_errors import SceneError

@@ -1,17 +1,17 @@
 """Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.json_texts import Json
 from headstock.solvers.frequency_response import convert_receptance
 from headstock.solvers.second_order import ComplexArray, Motion, Port
 from headstock.solvers.system_ports import name_port
 
-Json = dict[str, Any]
 Spacing = Literal["linear", "log"]
 UM_PER_KN = 1e9  # m/N
 N_PER_UM = 1e-6  # N/m

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import FrfRequest
 from headstock.pipeline.damped_machines import damp_system
 from headstock.pipeline.frf_errors import add_figure_errors, estimate_response_errors
 from headstock.pipeline.frf_results import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.run_state import Outcome, RunState
-from headstock.pipeline.scene import FrfRequest
 from headstock.pipeline.stages import Stage
 from headstock.reduction.frequency_errors import TruncatedPart, truncated_parts
 from headstock.reduction.mode_naming import name_modes

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import ModalRequest
 from headstock.pipeline.bound_checks import check_bounds
 from headstock.pipeline.identification_cases import make_case
 from headstock.pipeline.identification_fit import StartRecord, fit
@@ -19,7 +20,7 @@ from headstock.pipeline.parametric_scene import ParametricScene, make_parametric
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.scene import ModalRequest, Scene
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.store import Store
 from headstock.pipeline.target_files import LoadedTask
 from headstock.reduction.superelement import Superelement

@@ -7,7 +7,7 @@ from typing import Any
 from headstock.pipeline.identification import FittedParameter, Identification, TargetOutcome
 from headstock.pipeline.identification_fit import StartRecord
 from headstock.pipeline.identification_problem import FitProblem
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_errors import show_key
 from headstock.pipeline.scene_keys import write_number, written_unit

@@ -10,12 +10,12 @@ from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Pose
 from headstock.geometry.tool_mechanisms import solve_pose
+from headstock.pipeline.analysis_requests import ModalRequest
 from headstock.pipeline.frf_results import PortFigures
 from headstock.pipeline.frf_stages import respond
 from headstock.pipeline.mechanism_poses import describe_state
 from headstock.pipeline.pose_results import FIGURES, PoseResult
 from headstock.pipeline.run_state import RunState
-from headstock.pipeline.scene import ModalRequest
 from headstock.pipeline.stages import Stage
 from headstock.reduction.body_motions import join_names, split_number
 from headstock.reduction.compliance_budget import DIRECTIONS, point_budget

@@ -7,8 +7,9 @@ import numpy as np
 from headstock.geometry.exechon import ExechonDimensions
 from headstock.geometry.exechon_poses import MountedExechon
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.analysis_requests import ContouringRequest, MapRequest
 from headstock.pipeline.component_builder import build_frame
-from headstock.pipeline.scene import ContouringRequest, LegSprings, MapRequest, SceneMechanism
+from headstock.pipeline.scene import LegSprings, SceneMechanism
 from headstock.pipeline.scene_files import resolve_file
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_mechanism import ExechonTable, MechanismTable

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.skins import Skin
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, PoseView, component_colors
 from headstock.pipeline.result_files import OutputError, write_output
-from headstock.pipeline.results import Json
 
 MODES_FOLDER = "modes"
 # the largest displacement is shown as this share of the machine's size

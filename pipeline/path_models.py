@@ -7,12 +7,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine_paths import travel_directions
+from headstock.pipeline.analysis_requests import PathRequest
 from headstock.pipeline.damped_machines import damp_system
 from headstock.pipeline.driven_path import close_path, drive_path
 from headstock.pipeline.path_results import FollowedPoses
 from headstock.pipeline.planner import MODE_MARGIN, path_band
 from headstock.pipeline.run_state import RunState
-from headstock.pipeline.scene import PathRequest
 from headstock.reduction.coupling import couple
 from headstock.reduction.path_loads import PATH_INPUT, add_path_input, stack_modes
 from headstock.solvers.modal_analysis import solve_modal

@@ -2,19 +2,18 @@
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.frf_results import split_port
+from headstock.pipeline.json_texts import Json
 from headstock.solvers.path_figures import ZoneFigures
 from headstock.solvers.path_response import PathDeviation
 from headstock.solvers.second_order import Port
 from headstock.solvers.system_ports import name_port
 
-Json = dict[str, Any]
 ZONES = ("accelerating", "decelerating")
 _PARTS = ("total", "quasi_static", "sway", "dynamic")
 

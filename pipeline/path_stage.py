@@ -1,9 +1,9 @@
 """The path stage: how far a machine leaves a straight line while its axes accelerate. Only rank 0 has anything to do."""
 
+from headstock.pipeline.analysis_requests import PathRequest
 from headstock.pipeline.path_models import build_plant, choose_model, solve_moves
 from headstock.pipeline.path_results import PathCurves, PathResult, PathRun
 from headstock.pipeline.run_state import Outcome, RunState
-from headstock.pipeline.scene import PathRequest
 from headstock.pipeline.stages import Stage
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.path_figures import filter_deviation, measure_zones

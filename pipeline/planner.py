@@ -16,6 +16,15 @@ from headstock.geometry.components import Component, Fidelity, ReductionSettings
 from headstock.geometry.machines import Pose
 from headstock.geometry.solids import MeshFile, SuperelementFile
 from headstock.meshing.component_meshing import estimate_cells
+from headstock.pipeline.analysis_requests import (
+    Analyses,
+    ContouringRequest,
+    ControlRequest,
+    FrfRequest,
+    MapRequest,
+    ModalRequest,
+    PathRequest,
+)
 from headstock.pipeline.budgets import (
     check_cells,
     check_memory,
@@ -27,17 +36,7 @@ from headstock.pipeline.budgets import (
     reduction_seconds,
 )
 from headstock.pipeline.coupling_choices import has_choice
-from headstock.pipeline.scene import (
-    Analyses,
-    ContouringRequest,
-    ControlRequest,
-    FrfRequest,
-    Limits,
-    MapRequest,
-    ModalRequest,
-    PathRequest,
-    Scene,
-)
+from headstock.pipeline.scene import Limits, Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range

@@ -14,10 +14,12 @@ import numpy as np
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.atomic_files import PendingFiles, lock_folder, write_atomically
 from headstock.pipeline.frf_results import ResponseCurves, fill_curves, parse_curves
+from headstock.pipeline.json_texts import Json, check_finite, dump_json
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.path_results import PathCurves, fill_path, parse_path
 from headstock.pipeline.record_files import RecordError, read_record, write_record
-from headstock.pipeline.results import Json, PoseModes, Results, check_finite, dump_json, summarise
+from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results import PoseModes, Results
 
 FORMAT = "headstock results"
 VERSION = 1

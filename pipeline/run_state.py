@@ -8,10 +8,11 @@ from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline.frf_results import PoseResponse
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
 from headstock.pipeline.path_results import PathResult
-from headstock.pipeline.results import Json, MechanismPose, PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan
 from headstock.pipeline.store import Store

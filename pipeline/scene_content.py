@@ -9,7 +9,7 @@ import headstock.meshing
 import headstock.pipeline
 import headstock.reduction
 import headstock.solvers
-from headstock.pipeline.results import Json
+from headstock.pipeline.json_texts import Json
 
 PACKAGES = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction, headstock.pipeline)
 FILE_KEYS = ("step", "mesh", "superelement")

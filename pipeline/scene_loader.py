@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.analysis_requests import Analyses, FrfRequest, ModalRequest, PathRequest, StaticRequest
 from headstock.pipeline.drive_builder import build_control, build_drives, build_path_cut
 from headstock.pipeline.drive_checks import check_drives
 from headstock.pipeline.effects import read_modal_damping
@@ -14,17 +15,7 @@ from headstock.pipeline.mechanism_builder import build_contouring, build_map, bu
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.path_checks import build_path, check_path, check_path_carriages
 from headstock.pipeline.rail_checks import check_carriages
-from headstock.pipeline.scene import (
-    AccuracyGoal,
-    Analyses,
-    CompareSettings,
-    FrfRequest,
-    Limits,
-    ModalRequest,
-    PathRequest,
-    Scene,
-    StaticRequest,
-)
+from headstock.pipeline.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.pipeline.scene_checks import check_physics
 from headstock.pipeline.scene_errors import Findings
 from headstock.pipeline.scene_files import read_scene

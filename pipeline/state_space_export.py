@@ -8,13 +8,14 @@ import numpy as np
 import scipy.io
 from mpi4py import MPI
 
+from headstock.pipeline.analysis_requests import Analyses, FrfRequest
 from headstock.pipeline.damped_machines import damp_system
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.result_files import write_output
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.scene import Analyses, FrfRequest, Scene
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.store import Store, default_store_root
 from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import Port

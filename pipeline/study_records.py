@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.result_files import OutputError
-from headstock.pipeline.results import Json
 
 POINTS_FILE = "points.jsonl"
 FORMAT = 1

@@ -12,9 +12,11 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import Cost, measure
-from headstock.pipeline.results import Json, Results, summarise
+from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses
 from headstock.pipeline.scene_content import PACKAGES, file_digests

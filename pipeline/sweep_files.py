@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.frf_results import Json
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.pose_results import FIGURES
 from headstock.pipeline.result_files import write_output
 from headstock.pipeline.sweep_results import PointMap, SweepResults

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from mpi4py import MPI
 
+from headstock.pipeline.analysis_requests import Analyses, ModalRequest
 from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS, LUMPED_HANDLERS
-from headstock.pipeline.scene import Analyses, ModalRequest
 from headstock.pipeline.stages import Stage
 from headstock.pipeline.sweep_poses import describe_positions, sweep_pose
 from headstock.pipeline.sweep_results import SweepResults

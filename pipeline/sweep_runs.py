@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from headstock.pipeline.analysis_requests import Analyses
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
 from headstock.pipeline.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
 from headstock.pipeline.machine_poses import share_machine, solve_machine_pose
@@ -21,7 +22,7 @@ from headstock.pipeline.resources import measure
 from headstock.pipeline.result_files import OutputError
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS, Observer
-from headstock.pipeline.scene import Analyses, Scene
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_content import PACKAGES, file_digests
 from headstock.pipeline.stages import StageRecord
 from headstock.pipeline.store import Store, default_store_root

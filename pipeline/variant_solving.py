@@ -9,6 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.machines import Pose
+from headstock.pipeline.analysis_requests import ModalRequest
 from headstock.pipeline.component_stages import ELASTIC_MODULE
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
@@ -16,7 +17,7 @@ from headstock.pipeline.resources import Cost, measure
 from headstock.pipeline.results import ComponentFacts
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS, gather_facts
-from headstock.pipeline.scene import ModalRequest, Scene
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store
 from headstock.reduction.compliance_budget import DIRECTIONS, PointBudget, WeakLink, find_weakest_link, point_budget

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from headstock.geometry.exechon_poses import survey_tool_poses
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.tool_mechanisms import tool_pose
+from headstock.pipeline.analysis_requests import MapRequest
 from headstock.pipeline.mode_tracking import SweptModes, track_modes, tracked_frequencies
-from headstock.pipeline.scene import MapRequest, SceneMechanism
+from headstock.pipeline.scene import SceneMechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes, tool_compliance
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.scene_reference import NOTES, render_reference
+from headstock.app.key_notes import NOTES
+from headstock.app.scene_reference import render_reference
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.scene_schema import schema_json
 

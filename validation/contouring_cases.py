@@ -6,9 +6,9 @@ import time
 import numpy as np
 from mpi4py import MPI
 
+from headstock.pipeline.analysis_requests import ContouringRequest
 from headstock.pipeline.contouring_runs import ContourRun, face_instants, high_share, run_contour
 from headstock.pipeline.contouring_summary import leg_forces
-from headstock.pipeline.scene import ContouringRequest
 from headstock.pipeline.scene_loader import load_scene
 from headstock.solvers.cutting_materials import CUTTING_MATERIALS
 from headstock.validation.case_rows import ValidationRow, judge_bound, show

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.results import summarise
+from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import keep_analyses
 from headstock.pipeline.scene_loader import load_scene

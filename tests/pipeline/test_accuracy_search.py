@@ -14,9 +14,11 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.pipeline.accuracy_settings import Trial, observed_rate, refine_mesh, start_component
-from headstock.pipeline.results import Results, summarise
+from headstock.pipeline.analysis_requests import Analyses, ModalRequest, StaticRequest
+from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import AccuracyGoal, Analyses, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import AccuracyGoal, Limits, Scene
 from headstock.pipeline.store import Store
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

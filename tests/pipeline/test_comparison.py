@@ -9,7 +9,7 @@ from mpi4py import MPI
 from headstock.geometry.components import Fidelity
 from headstock.pipeline.comparison import Comparison, compare_variants
 from headstock.pipeline.comparison_summary import summarise_comparison
-from headstock.pipeline.results import dump_json
+from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.store import Store
 from headstock.pipeline.variant_choices import choose_variants

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.pipeline.planner import plan_scene
-from headstock.pipeline.results import summarise
+from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store

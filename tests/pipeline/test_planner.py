@@ -12,9 +12,10 @@ from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, SuperelementFile
+from headstock.pipeline.analysis_requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.pipeline.budgets import BudgetError, check_elapsed
 from headstock.pipeline.planner import FRF_MARGIN, MODE_MARGIN, default_mode_count, plan_scene
-from headstock.pipeline.scene import Analyses, FrfRequest, Limits, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import Limits, Scene
 from headstock.pipeline.stages import Stage
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -15,7 +15,8 @@ from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.atomic_files import PendingFiles
 from headstock.pipeline.error_estimates import REDUCTION, Estimate
 from headstock.pipeline.result_files import OutputError, add_results, claim_output, prepare_output, publish_summary, read_summary
-from headstock.pipeline.results import ComponentFacts, PointCompliance, PoseModes, Results, summarise
+from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results import ComponentFacts, PointCompliance, PoseModes, Results
 from headstock.pipeline.stages import Stage, StageRecord
 from headstock.solvers.errors import AccuracyError
 

@@ -19,10 +19,11 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, SuperelementFile
 from headstock.pipeline import component_stages
+from headstock.pipeline.analysis_requests import Analyses, ModalRequest, StaticRequest
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import Analyses, ModalRequest, Scene, StaticRequest
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.store import Store
 from headstock.pipeline.superelement_files import write_superelement
 from headstock.reduction import elastic_reduction

@@ -8,10 +8,12 @@ from mpi4py import MPI
 
 from headstock.app.report_map import draw_map, map_layers, map_values
 from headstock.app.summary_tables import _map_table, list_tables
+from headstock.pipeline.analysis_requests import MapRequest
+from headstock.pipeline.json_texts import Json
 from headstock.pipeline.map_stage import summarise_map
-from headstock.pipeline.results import Json, summarise
+from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import MapRequest, SceneMechanism, keep_analyses
+from headstock.pipeline.scene import SceneMechanism, keep_analyses
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.workspace_map import map_workspace

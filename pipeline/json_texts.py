@@ -1,0 +1,27 @@
+"""Strict JSON: plain lists of finite numbers."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from headstock.solvers.errors import AccuracyError
+
+Json = dict[str, Any]
+
+
+def dump_json(content: Any) -> str:
+    """Strict JSON text: a number that is not finite is an error, not ``NaN``."""
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def check_finite(what: str, values: Any) -> Any:
+    """The values as plain lists.
+
+    Raises:
+        AccuracyError: One of them is not a finite number.
+    """
+    array = np.asarray(values, dtype=float)
+    if not np.isfinite(array).all():
+        raise AccuracyError(f"{what} holds values that are not finite: {array[~np.isfinite(array)][:3].tolist()}")
+    return array.tolist()
