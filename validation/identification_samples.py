@@ -13,7 +13,7 @@ from headstock.pipeline.store import Store
 from headstock.pipeline.target_files import load_targets
 from headstock.pipeline.units import DIMENSIONS, parse_quantity
 
-SCENE = """
+_BODIES = """
 [materials.steel]
 E = "210 GPa"
 nu = 0.3
@@ -42,34 +42,18 @@ interfaces = { bottom = { face = "z-" }, tool = { face = "x+" } }
 [joints.bolts]
 between = ["base.top", "column.foot"]
 kind = "rigid"
-[joints.guide_1]
+"""
+_GUIDE = """\
+[joints.guide_{number}]
 between = ["column.head", "slider.bottom"]
 kind = "linear_guide"
 axis = "x"
 normal = "z"
-at = ["60 mm", "40 mm", "710 mm"]
-stiffness = { lateral = "40 N/um", normal = "50 N/um" }
-[joints.guide_2]
-between = ["column.head", "slider.bottom"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-at = ["60 mm", "-40 mm", "710 mm"]
-stiffness = { lateral = "40 N/um", normal = "50 N/um" }
-[joints.guide_3]
-between = ["column.head", "slider.bottom"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-at = ["-60 mm", "40 mm", "710 mm"]
-stiffness = { lateral = "40 N/um", normal = "50 N/um" }
-[joints.guide_4]
-between = ["column.head", "slider.bottom"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-at = ["-60 mm", "-40 mm", "710 mm"]
-stiffness = { lateral = "40 N/um", normal = "50 N/um" }
+at = ["{x} mm", "{y} mm", "710 mm"]
+stiffness = {{ lateral = "40 N/um", normal = "50 N/um" }}
+"""
+_CORNERS = ((60, 40), (60, -40), (-60, 40), (-60, -40))
+_REST = """\
 [joints.drive]
 between = ["column.head", "slider.bottom"]
 kind = "ball_screw"
@@ -109,6 +93,7 @@ X = "150 mm"
 [analyses.modal]
 count = 6
 """
+SCENE = _BODIES + "".join(_GUIDE.format(number=n, x=x, y=y) for n, (x, y) in enumerate(_CORNERS, 1)) + _REST
 
 STIFFNESSES = {
     "guide_normal": ("joints.guide_*.stiffness.normal", 70.0, "N/um"),

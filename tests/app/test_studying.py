@@ -8,23 +8,8 @@ import pytest
 
 from headstock.app.command_line import main
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-solid = { box = ["38 mm", "100 mm", "500 mm"] }
-material = "steel"
-fidelity = "segmented"
-[components.column.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
+COLUMN = Path(__file__).resolve().parents[1] / "data" / "segmented_column.toml"
+SCENE = COLUMN.read_text() + """
 [studies.rows]
 vary = { "components.column.segments.count" = [2, 4] }
 watch = ["modal.frequencies_hz[0:2]", "seconds"]

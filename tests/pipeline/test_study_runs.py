@@ -17,23 +17,8 @@ from headstock.pipeline.study_records import POINTS_FILE, append_record, read_re
 from headstock.pipeline.study_runs import StudyError, StudyJob, StudyProgress, check_points, hash_scene, run_study
 from headstock.pipeline.study_tables import tabulate_study
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-solid = { box = ["38 mm", "100 mm", "500 mm"] }
-material = "steel"
-fidelity = "segmented"
-[components.column.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
+COLUMN = Path(__file__).resolve().parents[1] / "data" / "segmented_column.toml"
+SCENE = COLUMN.read_text() + """
 [variants.aluminium]
 "materials.steel.E" = "70 GPa"
 [studies.grid]
