@@ -2,7 +2,17 @@
 
 # asked_for_slurm_trial ARGS: whether this is `campaign slurm` and the root for it is still to be entered.
 asked_for_slurm_trial() {
-    [ "${1:-} ${2:-}" = "campaign slurm" ] || return 1
+    [ "${1:-}" = campaign ] || return 1
+    shift
+    # options may stand before the name
+    while [ $# -gt 0 ]; do
+        case $1 in
+            --runs | --seed | --json) shift; [ $# -eq 0 ] || shift ;;
+            -*) shift ;;
+            *) break ;;
+        esac
+    done
+    [ "${1:-}" = slurm ] || return 1
     [ ! -e /etc/headstock-root ] || [ -n "${HEADSTOCK_PRIVATE_ROOT:-}" ]
 }
 

@@ -179,6 +179,12 @@ def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_o
     assert words[-4:] == ["campaign", "slurm", "--runs", "1"]
 
 
+def test_options_may_stand_before_the_name_of_the_campaign(host: Host) -> None:
+    host.write("id", "#!/bin/sh\necho 0\n")
+    assert "--hostname" in dry(host, "campaign", "--seed", "2", "--debug", "slurm")
+    assert "--hostname" not in dry(host, "campaign", "--json", "slurm", "kill")
+
+
 def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(host: Host) -> None:
     for tool, text in (("id", "echo 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
         host.write(tool, f"#!/bin/sh\n{text}\n")
