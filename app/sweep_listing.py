@@ -44,10 +44,18 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
     _print_states(results)
     print_remarks(results.warnings)
     console.print(
-        f"{summary['status']} in {seconds:.2f} s, {computed} of {counted(len(results.states), 'pose')} computed, results in {folder}",
+        f"{summary['status']} in {seconds:.2f} s, {_describe_poses(len(results.states), computed)}, results in {folder}",
         style="bold",
         markup=False,
     )
+
+
+def _describe_poses(total: int, computed: int) -> str:
+    """How many poses this call computed, and how many it found: those of earlier calls, or of the tasks of a cluster."""
+    if computed == total:
+        return f"{counted(total, 'pose')} computed"
+    found = f"{counted(total - computed, 'finished pose')} collected"
+    return f"{counted(computed, 'pose')} computed, {found}" if computed else found
 
 
 def _mode_table(summary: Json, results: SweepResults) -> Table:

@@ -88,7 +88,7 @@ def test_tasks_together_give_the_local_file_and_a_lost_task_is_named_and_done_ag
     # no part is elastic, so no job goes before the array to reduce it
     assert (slurm / "calls").read_text() == "--parsable --array=1,2,3\n--parsable --array=2\n"
     said = capfd.readouterr()
-    assert "1 task (2)" in said.out and "0 of 9 poses computed" in said.out
+    assert "1 task (2)" in said.out and "9 finished poses collected" in said.out
     assert sweep(tmp_path / "here", "--set", "analyses.modal.count=4") == 0
     for name in ("sweep.h5", "sweep.json"):
         assert (tmp_path / "far" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
