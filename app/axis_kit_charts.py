@@ -39,9 +39,8 @@ def _draw_panel(axes: Axes, found: Mapping[str, ValidationRow], fidelity: str) -
         axes.bar(places, values, BAR_WIDTH, color=COLORS[number], label=f"dz/F{axis}, measured {measured:g} µm/kN")
         for place, value in zip(places, values, strict=True):
             offset = (0, 2) if value >= 0.0 else (0, -9)
-            axes.annotate(
-                f"{round(value):+d}", (float(place), value), offset, textcoords="offset points", ha="center", fontsize=7, color=INK
-            )
+            text = f"{round(value):+d}" if round(value) else "0"
+            axes.annotate(text, (float(place), value), offset, textcoords="offset points", ha="center", fontsize=7, color=INK)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set_xticks(range(len(VARIANTS)), VARIANTS)
     axes.set_title(TITLES[fidelity], fontsize=10, color=INK, loc="left")
