@@ -9,6 +9,7 @@ from rich.text import Text
 from headstock.app.console import WIDTH_WITHOUT_TERMINAL, make_console, make_table, print_table, spaced
 from headstock.app.summary_tables import PlainTable, encode_csv
 from headstock.pipeline.json_texts import Json
+from headstock.reduction.mode_naming import WHOLE_MACHINE
 
 DIRECTIONS = ("x", "y", "z")
 MISSING = "–"
@@ -69,7 +70,7 @@ def print_comparison(summary: Json) -> None:
 
 def alike_rigid_modes(summary: Json) -> list[Json]:
     """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
-    rows = [row for row in summary["modes"] if "rigid body" in row["name"] and None not in row["variants"].values()]
+    rows = [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and None not in row["variants"].values()]
     return [row for row in rows if all(cell["mac"] is None or cell["mac"] >= ALIKE for cell in row["variants"].values())]
 
 

@@ -30,6 +30,7 @@ from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
 from headstock.pipeline.path_results import PathCurves
 from headstock.pipeline.result_files import REPORT_FILE, write_output
+from headstock.reduction.mode_naming import WHOLE_MACHINE
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
 CURSOR = "response_cursor.js"
@@ -159,7 +160,7 @@ def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
         break
     for modes in summary["modal"][:1]:
         named = list(zip(modes["frequencies_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
-        found["first"] = next(((hz, name) for hz, name in named if "rigid body" not in name), None)
+        found["first"] = next(((hz, name) for hz, name in named if WHOLE_MACHINE not in name), None)
     return found
 
 

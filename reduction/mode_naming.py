@@ -30,6 +30,7 @@ STRETCH_SHARE = 0.5
 SLENDER_RATIO = 0.5  # smallest over middle moment of inertia
 PARALLEL = 0.9
 SAMPLES = 600
+WHOLE_MACHINE = "whole machine"  # what moves where all bodies move as one
 SLICES = 12
 
 
@@ -69,7 +70,7 @@ def _name_mode(
     whole, explained = _whole_motion(coupled, stacked)
     joints = _main_joints({name: share for name, share in strain.items() if name not in motions})
     if explained >= RIGID_SHARE and len(motions) > 1:
-        return f"{'free ' if free else ''}rigid body {MOTION_NAMES[whole]}{_on(joints)}"
+        return f"{WHOLE_MACHINE} {'moves' if whole < 3 else 'turns'} {'XYZABC'[whole]}{' freely' if free else _on(joints)}"
     moving = _moving_together(motions, kinetic)
     if free:
         return f"free {moving}"
