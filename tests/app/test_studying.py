@@ -9,7 +9,9 @@ import pytest
 from headstock.app.command_line import main
 
 COLUMN = Path(__file__).resolve().parents[1] / "data" / "segmented_column.toml"
-SCENE = COLUMN.read_text() + """
+SCENE = (
+    COLUMN.read_text()
+    + """
 [studies.rows]
 vary = { "components.column.segments.count" = [2, 4] }
 watch = ["modal.frequencies_hz[0:2]", "seconds"]
@@ -28,6 +30,7 @@ watch = "totals.mass_kg"
 [analyses.static]
 [analyses.modal]
 """
+)
 LADDER = """
 [studies.ladder]
 reference = "kono-cantilever"

@@ -18,7 +18,9 @@ from headstock.pipeline.study_runs import StudyError, StudyJob, StudyProgress, c
 from headstock.pipeline.study_tables import tabulate_study
 
 COLUMN = Path(__file__).resolve().parents[1] / "data" / "segmented_column.toml"
-SCENE = COLUMN.read_text() + """
+SCENE = (
+    COLUMN.read_text()
+    + """
 [variants.aluminium]
 "materials.steel.E" = "70 GPa"
 [studies.grid]
@@ -27,6 +29,7 @@ watch = ["static.tcp.compliance_um_per_kN[0][0]", "modal.frequencies_hz[0]"]
 [analyses.static]
 [analyses.modal]
 """
+)
 COUNT = "components.column.segments.count"
 
 
