@@ -2,59 +2,60 @@
 
 from collections.abc import Sequence
 
-from headstock.app.console import add_row, make_console, make_table, print_table
+from headstock.app.console import add_row, make_console, make_table, print_table, spaced
 from headstock.app.summary_tables import PlainTable
 from headstock.pipeline.cost_points import CostPoint, cheapest_within
 from headstock.pipeline.json_texts import Json
-from headstock.pipeline.study_points import shorten_key, show_value
+from headstock.pipeline.study_tables import shorten_columns
 
 BOUNDS = (0.1, 0.03, 0.01, 0.003, 0.001)
 
 
 def print_costs(points: Sequence[CostPoint]) -> None:
     """Error and cost of each point, and the cheapest for each of some accuracies."""
+    console = make_console()
+    console.print()
     if not points:
-        make_console().print("nothing to hold the points against: the study's truth failed", style="bold red", markup=False)
+        console.print("nothing to hold the points against: the study's truth failed", style="bold red", markup=False)
         return
-    table = make_table("settings", ">off by %", "most off", ">cpu s", ">s", ">MB", ">dofs", "")
+    table = make_table("settings", ">off by %", "most off", ">cpu s", ">of it solving", ">MB", ">dofs", "")
+    short = shorten_columns(list(dict.fromkeys(point.worst for point in points)))
     for point in points:
-        mark = "automatic" if point.automatic else "best" if point.best else ""
-        cpu, wall = (f"{median:.3g} ± {spread / 2.0:.1g}" for median, spread in (point.cpu_seconds, point.seconds))
-        numbers = (
-            f"{100.0 * point.error:.3g}",
-            point.worst,
-            cpu,
-            wall,
-            f"{'' if point.memory_known else '≤ '}{point.memory_mb:.0f}",
-            f"{point.dofs:,}".replace(",", " "),
-        )
-        add_row(table, name_point(point), *numbers, mark)
-    print_table(
-        make_console(), "What accuracy costs: largest error of a watched number, and processor time from an empty store", table
-    )
+        memory = f"{'' if point.memory_known else '≤ '}{spaced(round(point.memory_mb))}"
+        cost = (_show_seconds(point), f"{point.solve_seconds:.3g}", memory, spaced(point.dofs))
+        add_row(table, point.name, f"{100.0 * point.error:.3g}", short[point.worst], *cost, _mark(point))
+    print_table(console, "What accuracy costs: largest error of a watched number, and processor time from an empty store", table)
     for line in digit_words(points):
-        make_console().print(f"  {line}", markup=False)
+        console.print(f"  {line}", markup=False)
+    console.print()
 
 
-def name_point(point: CostPoint) -> str:
-    """A point in a few words."""
-    record = point.row.record
-    words = [f"{shorten_key(key)} = {show_value(value)}" for key, value in record.varied.items()]
-    return ", ".join([*([record.family.replace("_", " ")] if record.family else []), *words])
+def _show_seconds(point: CostPoint) -> str:
+    median, spread = point.cpu_seconds
+    return f"{median:.3g} ± {spread / 2.0:.1g}" if len(point.row.record.cpu_seconds) > 1 else f"{median:.3g}"
+
+
+def _mark(point: CostPoint) -> str:
+    return "automatic" if point.automatic else "other model" if point.other_model else "best" if point.best else ""
 
 
 def digit_words(points: Sequence[CostPoint]) -> list[str]:
-    """The cheapest point for each accuracy, and how many times the time of the one before it takes."""
-    lines, before = [], None
+    """The cheapest point for each accuracy and how many times the time of the one before it takes, automatic choices, other models."""
+    lines = []
+    before: CostPoint | None = None
     for bound in BOUNDS:
         found = cheapest_within(points, bound)
         if found is None:
             lines.append(f"{100.0 * bound:g} %: reached by none of these")
-            continue
-        more = f", {found.cpu_seconds[0] / before:.2g} times the line above" if before else ""
-        lines.append(f"{100.0 * bound:g} %: {name_point(found)}, {found.cpu_seconds[0]:.3g} s of processor time{more}")
-        before = found.cpu_seconds[0]
-    return lines + [_compare(point, points) for point in points if point.automatic]
+        elif found is before:
+            lines.append(f"{100.0 * bound:g} %: the same")
+        else:
+            more = f", {found.cpu_seconds[0] / before.cpu_seconds[0]:.2g} times the line above" if before else ""
+            lines.append(
+                f"{100.0 * bound:g} %: {found.name} ({100.0 * found.error:.2g} %), {found.cpu_seconds[0]:.3g} s of processor time{more}"
+            )
+        before = found
+    return [*lines, *(_compare(point, points) for point in points if point.automatic), *_spreads(points)]
 
 
 def _compare(point: CostPoint, points: Sequence[CostPoint]) -> str:
@@ -64,25 +65,32 @@ def _compare(point: CostPoint, points: Sequence[CostPoint]) -> str:
     other = cheapest_within(points, chosen["asked"])
     if other is None:
         return f"{words}; none of the others is that close"
-    return (
-        f"{words}, {point.cpu_seconds[0] / other.cpu_seconds[0]:.2g} times the cheapest that is close enough ({name_point(other)})"
-    )
+    return f"{words}, {point.cpu_seconds[0] / other.cpu_seconds[0]:.2g} times the cheapest that is close enough ({other.name})"
+
+
+def _spreads(points: Sequence[CostPoint]) -> list[str]:
+    """How far each other model lies from this one, on its finest mesh."""
+    finest: dict[str, CostPoint] = {}
+    for point in points:
+        family = point.row.record.family
+        if point.other_model and (family not in finest or point.dofs > finest[family].dofs):
+            finest[family] = point
+    return [
+        f"{point.name}: another model, {100.0 * point.error:.2g} % away in {point.worst}: a spread that no finer mesh takes away"
+        for point in finest.values()
+    ]
 
 
 def cost_table(points: Sequence[CostPoint]) -> PlainTable:
     """The same for a CSV file."""
-    columns = ("settings", "error", "most off", "cpu seconds", "cpu spread", "seconds", "spread", "MB", "dofs", "best", "automatic")
+    columns = (
+        *("settings", "error", "most off", "cpu seconds", "cpu spread", "seconds", "spread", "solving cpu seconds"),
+        *("MB", "MB known", "dofs", "best", "automatic", "other model"),
+    )
     rows = tuple(
         (
-            name_point(point),
-            point.error,
-            point.worst,
-            *point.cpu_seconds,
-            *point.seconds,
-            point.memory_mb,
-            point.dofs,
-            point.best,
-            point.automatic,
+            *(point.name, point.error, point.worst, *point.cpu_seconds, *point.seconds, point.solve_seconds),
+            *(point.memory_mb, point.memory_known, point.dofs, point.best, point.automatic, point.other_model),
         )
         for point in points
     )

@@ -143,6 +143,8 @@ NOTES = {
     "Family.set": "as in the study, for this part only",
     "Family.vary": "as in the study",
     "Family.pairwise": "as in the study",
+    "Family.other_model": "in a [cost study](studies.md#what-accuracy-costs): another machine than the truth (other interfaces, say), "
+    "whose distance is a spread of the model and no error",
     "Family.analyses": "as in the study",
     "Scene.mechanism": "a closed-loop mechanism; poses and sweeps then give the tool: `X Y Z` of its point, `A B` its turns about x, y",
     "Contouring.side": "of the finished block",

@@ -8,9 +8,11 @@ from typing import Any
 from rich.console import Console
 
 from headstock.app.console import add_row, make_console, make_table, print_remarks, print_table
+from headstock.app.cost_listing import print_costs
 from headstock.app.summary_tables import PlainTable, encode_csv
+from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.json_texts import Json
-from headstock.pipeline.study_points import describe_point, shorten_key, show_value
+from headstock.pipeline.study_points import describe_point, list_varied, shorten_key, show_value
 from headstock.pipeline.study_records import POINTS_FILE, StudyRecord
 from headstock.pipeline.study_runs import StudyProgress
 from headstock.pipeline.study_tables import (
@@ -40,16 +42,18 @@ def print_progress(progress: StudyProgress) -> None:
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
-    """The table of a study, its orders of convergence, and what was measured how."""
+    """The table of a study (of one with a truth: errors beside costs), its orders of convergence, and what was measured how."""
     console = make_console()
     console.print()
-    if table.columns:
+    if table.columns and table.study.truth is None:
         _print_rows(console, table)
     if table.series:
         _print_orders(console, table.series)
+    if table.study.truth is not None:
+        print_costs(weigh_costs(table))
     failed = [row.record for row in table.rows if row.record.status == "failed"]
     for record in failed:
-        name = ", ".join([record.family, *(f"{shorten_key(k)} = {show_value(v)}" for k, v in record.varied.items())])
+        name = ", ".join([record.family, *list_varied(record.varied)])
         console.print(f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False)
     print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
     console.print(describe_timing(table), markup=False)

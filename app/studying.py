@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import headstock.validation
 from headstock.app.cost_charts import draw_costs
-from headstock.app.cost_listing import cost_table, list_costs, print_costs
+from headstock.app.cost_listing import cost_table, list_costs
 from headstock.app.guard import DONE, FAILED
 from headstock.app.ladder_charts import draw_ladder
 from headstock.app.ladder_listing import ladder_tables, list_claims, print_ladder
@@ -125,7 +125,6 @@ def _publish_costs(table: StudyTable, folder: Path) -> Json:
     figure = draw_costs(points, {family.name: family.label for family in table.study.families})
     if figure is not None:
         write_output(folder / "cost.png", encode_png(figure))
-    print_costs(points)
     return list_costs(points)
 
 

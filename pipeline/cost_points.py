@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from headstock.pipeline.study_points import TRUTH
+from headstock.pipeline.study_points import TRUTH, StudyFamily, list_varied, show_value
 from headstock.pipeline.study_tables import StudyRow, StudyTable, is_number, median_seconds
 from headstock.pipeline.watch_paths import MEASURED_NAMES
 
 ACCURACY = "accuracy"
-SAME_PEAK = 0.002  # two runs in a row whose peaks differ by less have one between them
+BESIDE_SOLVING = ("mesh", "write")
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,27 +20,39 @@ class CostPoint:
 
     Attributes:
         row: Of the study.
+        name: Family and varied keys in a few words; keys that are the same all over the family left out.
         error: Largest relative error of a watched number against the study's truth.
         worst: Which one.
         seconds: Wall-clock time, median and spread of the repeats [s].
         cpu_seconds: Processor time of all threads and child processes, likewise [s].
-        memory_mb: Peak resident memory [MB]; where a process cannot forget its peak, no more than this.
-        memory_known: The peak rose with this point, or fell, so that it is its own.
+        solve_seconds: Processor time of assembly and solutions: all stages but meshing and writing, of the last round and the last
+            repeat [s].
+        memory_mb: Peak resident memory [MB]; where nobody could look and a process cannot forget its peak, no more than this.
+        memory_known: It is this point's own.
         dofs: Degrees of freedom before reduction.
         best: Nothing computed is both cheaper in processor time and closer.
         automatic: Its settings were chosen for an accuracy.
+        other_model: Its error is none but a spread of the model.
     """
 
     row: StudyRow
+    name: str
     error: float
     worst: str
     seconds: tuple[float, float]
     cpu_seconds: tuple[float, float]
+    solve_seconds: float
     memory_mb: float
     dofs: int
     memory_known: bool = True
     best: bool = False
     automatic: bool = False
+    other_model: bool = False
+
+    @property
+    def competes(self) -> bool:
+        """Whether it is one of those among which the cheapest is sought."""
+        return not self.automatic and not self.other_model
 
 
 def weigh_costs(table: StudyTable) -> list[CostPoint]:
@@ -52,15 +64,11 @@ def weigh_costs(table: StudyTable) -> list[CostPoint]:
     if not truths:
         return []
     exact = {column: value for column, value in truths[0].values.items() if is_number(value) and column not in MEASURED_NAMES}
-    points = []
-    before = 0.0
-    for row in table.rows:
-        point = _weigh(row, exact, table)
-        if point is not None:
-            known = abs(point.memory_mb - before) > SAME_PEAK * before
-            before = point.memory_mb
-            points += [dataclasses.replace(point, memory_known=known)] if row.record.family != TRUTH else []
-    return [_mark(point, points) for point in points]
+    families = {family.name: family for family in table.study.families}
+    weighed = [_weigh(row, exact, families[row.record.family]) for row in table.rows if row.record.family != TRUTH]
+    points = [point for point in weighed if point is not None]
+    front = pareto_front([point for point in points if point.competes], "cpu")
+    return [dataclasses.replace(point, best=any(other is point for other in front)) for point in points]
 
 
 def pareto_front(points: Sequence[CostPoint], cost: str) -> list[CostPoint]:
@@ -79,34 +87,46 @@ def read_cost(point: CostPoint, cost: str) -> float:
 
 
 def cheapest_within(points: Sequence[CostPoint], error: float) -> CostPoint | None:
-    """The point of least processor time whose true error is within a bound, automatic ones left out."""
-    good = [point for point in points if point.error <= error and not point.automatic]
+    """The point of least processor time whose true error is within a bound, automatic ones and other models left out."""
+    good = [point for point in points if point.error <= error and point.competes]
     return min(good, key=lambda point: point.cpu_seconds[0]) if good else None
 
 
-def _weigh(row: StudyRow, exact: dict[str, Any], table: StudyTable) -> CostPoint | None:
-    wall, spent = median_seconds(row.record), median_seconds(row.record, "cpu_seconds")
-    if row.record.status != "done" or wall is None or spent is None:
+def _weigh(row: StudyRow, exact: dict[str, Any], family: StudyFamily) -> CostPoint | None:
+    record = row.record
+    wall, spent = median_seconds(record), median_seconds(record, "cpu_seconds")
+    if record.status != "done" or wall is None or spent is None:
         return None
     errors = {column: _relative(row.values.get(column), value) for column, value in exact.items()}
     if not errors:
         return None
     worst = max(errors, key=lambda column: errors[column])
-    totals = row.record.summary["totals"]
-    family = next(family for family in table.study.families if family.name == row.record.family)
-    keys = {*family.settings, *row.record.varied}
-    automatic = any(key == ACCURACY or key.startswith(f"{ACCURACY}.") for key in keys)
+    totals = record.summary["totals"]
+    keys = {*family.settings, *record.varied}
     return CostPoint(
-        row, errors[worst], worst, wall, spent, float(totals["peak_rss_mb"]), int(totals["full_dofs"]), automatic=automatic
+        row=row,
+        name=_name_point(row, family),
+        error=errors[worst],
+        worst=worst,
+        seconds=wall,
+        cpu_seconds=spent,
+        solve_seconds=sum(
+            stage.get("cpu_seconds", 0.0) for stage in record.summary["stages"] if stage["stage"] not in BESIDE_SOLVING
+        ),
+        memory_mb=max(record.peak_mb, default=float(totals["peak_rss_mb"])),
+        dofs=int(totals["full_dofs"]),
+        memory_known=bool(record.peak_mb),
+        automatic=any(key == ACCURACY or key.startswith(f"{ACCURACY}.") for key in keys),
+        other_model=family.other_model,
     )
+
+
+def _name_point(row: StudyRow, family: StudyFamily) -> str:
+    varied = row.record.varied
+    telling = {key: value for key, value in varied.items() if len({show_value(other) for other in family.vary[key]}) > 1}
+    return ", ".join([*([family.name.replace("_", " ")] if family.name else []), *list_varied(telling or varied)])
 
 
 def _relative(value: Any, exact: float) -> float:
     """Relative error; inf for a number that a run has not found."""
     return abs(value / exact - 1.0) if is_number(value) and exact else math.inf
-
-
-def _mark(point: CostPoint, points: Sequence[CostPoint]) -> CostPoint:
-    front = pareto_front([other for other in points if not other.automatic], "cpu")
-    best = any(other is point for other in front)
-    return dataclasses.replace(point, best=best)

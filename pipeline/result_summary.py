@@ -78,6 +78,7 @@ def _summarise_stage(record: StageRecord) -> Json:
         "pose": record.stage.pose,
         "reason": record.stage.reason,
         "seconds": round(record.seconds, 4),
+        "cpu_seconds": round(record.cpu_seconds, 4),
         "cached": record.cached,
         "peak_rss_mb": round(record.peak_rss_mb, 1),
     }

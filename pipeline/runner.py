@@ -138,7 +138,9 @@ class _Rounds:
         with measure() as cost:
             outcome = work()
         if state.is_root:
-            self._record(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail))
+            self._record(
+                StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds)
+            )
 
     def note(self, stage: Stage, change: str) -> None:
         """Record a decision, which costs nothing."""

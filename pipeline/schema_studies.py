@@ -46,6 +46,7 @@ class FamilyTable(StrictTable):
     vary: Varied
     pairwise: Flag = False
     analyses: Names | None = None
+    other_model: Flag = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:

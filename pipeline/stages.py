@@ -87,6 +87,7 @@ class StageRecord:
         cached: Its result came from the store.
         peak_rss_mb: Peak resident memory while it ran, of rank 0 or of the child process it started [MB].
         detail: What came out, in a few words, for the console.
+        cpu_seconds: Processor time of all threads and of children that have ended [s].
     """
 
     stage: Stage
@@ -94,3 +95,4 @@ class StageRecord:
     cached: bool
     peak_rss_mb: float
     detail: str = ""
+    cpu_seconds: float = 0.0

@@ -34,4 +34,5 @@ def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFam
         vary={key: tuple(values) for key, values in family.vary.items()},
         pairwise=family.pairwise or table.pairwise,
         analyses=tuple(family.analyses or table.analyses or ()),
+        other_model=family.other_model,
     )

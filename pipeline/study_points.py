@@ -22,6 +22,8 @@ class StudyFamily:
         vary: Dotted key (or ``variant``) to its values.
         pairwise: The first values go together, then the second ones; else every combination is a point.
         analyses: What is computed; empty for all the scene asks for.
+        other_model: It computes another machine than the truth of a cost study (other interfaces, say): how far its numbers lie
+            apart is a spread of the model, no error.
     """
 
     name: str
@@ -30,6 +32,7 @@ class StudyFamily:
     vary: Mapping[str, tuple[Any, ...]]
     pairwise: bool = False
     analyses: tuple[str, ...] = ()
+    other_model: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +108,24 @@ def _combinations(family: StudyFamily) -> Iterator[tuple[Any, ...]]:
 
 def describe_point(point: StudyPoint) -> str:
     """A point in a few words: ``tet10, column.mesh.size = 25 mm``."""
-    words = [f"{shorten_key(key)} = {show_value(value)}" for key, value in point.varied.items()]
-    return ", ".join([*([point.family] if point.family else []), *words])
+    return ", ".join([*([point.family] if point.family else []), *list_varied(point.varied)])
+
+
+def list_varied(varied: Mapping[str, Any]) -> list[str]:
+    """Varied keys with their values; those that differ in the component only stand together: ``mesh.size = 76 mm, 100 mm``."""
+    groups: dict[str, list[str]] = {}
+    for key in varied:
+        groups.setdefault(_without_owner(key), []).append(key)
+    return [
+        f"{shorten_key(keys[0]) if len(keys) == 1 else name} = {', '.join(dict.fromkeys(show_value(varied[key]) for key in keys))}"
+        for name, keys in groups.items()
+    ]
+
+
+def _without_owner(key: str) -> str:
+    """A key without its component or joint: ``components.bed.mesh.size`` is ``mesh.size``."""
+    parts = key.split(".")
+    return ".".join(parts[2:]) if parts[0] in {"components", "joints"} and len(parts) > 2 else key
 
 
 def shorten_key(key: str) -> str:

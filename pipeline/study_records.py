@@ -32,6 +32,7 @@ class StudyRecord:
         measured: What a study with a reference made of the results besides.
         seconds: Wall-clock time of each repeat [s].
         cpu_seconds: Processor time of each repeat, child processes and threads included [s].
+        peak_mb: Most resident memory of this process in each repeat [MB]; empty where nobody could look.
         cached_stages: How many stages the store answered in the last repeat.
         threads: BLAS threads of each rank.
         ranks: MPI ranks.
@@ -47,6 +48,7 @@ class StudyRecord:
     measured: Json = field(default_factory=dict)
     seconds: tuple[float, ...] = ()
     cpu_seconds: tuple[float, ...] = ()
+    peak_mb: tuple[float, ...] = ()
     cached_stages: int = 0
     threads: int = 1
     ranks: int = 1
@@ -114,7 +116,7 @@ def _read_line(line: bytes) -> StudyRecord | None:
         entry = json.loads(line)
         if entry.pop("format") != FORMAT:
             return None
-        entry |= {name: tuple(entry[name]) for name in ("seconds", "cpu_seconds")}
+        entry |= {name: tuple(entry[name]) for name in ("seconds", "cpu_seconds", "peak_mb")}
         return StudyRecord(**entry)
     except (ValueError, TypeError, KeyError, AttributeError):
         return None

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
 from headstock.pipeline.json_texts import Json
+from headstock.pipeline.memory_watch import watch_memory
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import Cost, measure
 from headstock.pipeline.result_summary import summarise
@@ -29,6 +30,7 @@ from headstock.pipeline.study_records import StudyRecord, append_record, read_re
 
 # of no influence on a point's results
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
+ElementKind = tuple[str, str, int]  # fidelity, cells, order
 Measure = Callable[[Scene, Results], Json]
 
 
@@ -125,11 +127,10 @@ def run_study(
     keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
     known = _finished_points(folder, retry=job.retry) if root else {}
     waiting = share_from_root(comm, [number for number, key in enumerate(keys) if key not in known] if root else None)
-    warm: set[str] = set()
+    warm: set[ElementKind] = set()
     for number, point in enumerate(points):
         if number in waiting:
-            record, error = _compute_point(job, point, comm, warm_up=job.study.cold and point.family not in {*warm, TRUTH})
-            warm.add(point.family)
+            record, error = _compute_point(job, point, comm, warm)
             if root:
                 known[keys[number]] = replace(record, key=keys[number])
                 append_record(folder, known[keys[number]])
@@ -176,18 +177,25 @@ def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
     return keep_analyses(scene, point.analyses) if point.analyses else scene
 
 
-def _compute_point(job: StudyJob, point: StudyPoint, comm: MPI.Comm, *, warm_up: bool) -> tuple[StudyRecord, HeadstockError | None]:
-    """A record without a key, and the error a point ended with."""
+def _compute_point(
+    job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind]
+) -> tuple[StudyRecord, HeadstockError | None]:
+    """A record without a key, and the error a point ended with; adds to the kinds of elements that this process has run."""
     costs: list[Cost] = []
+    peaks: list[float] = []
     ranks, threads = int(comm.size), int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1))
     record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
     try:
-        # the first run of a kind loads libraries and compiles element kernels: not a cost of this point
+        # the first run of a kind of element loads libraries and compiles kernels: not a cost of this point
+        kinds = share_from_root(comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None)
+        warm_up = job.study.cold and point.family != TRUTH and not kinds <= warm
+        warm |= kinds
         for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
-            with _scratch_store(cold=job.study.cold) as (scratch, store), measure() as cost:
+            with _scratch_store(cold=job.study.cold) as (scratch, store), watch_memory() as peak, measure() as cost:
                 scene = share_from_root(comm, _reload(job, point) if comm.rank == 0 else None)
                 results = run_scene(scene, scratch, comm=comm, store=store)
             costs += [cost] if number >= 0 else []
+            peaks += [peak.megabytes] if number >= 0 and peak.megabytes is not None else []
     except StudyError:
         raise
     except (HeadstockError, SceneError, MemoryError) as error:
@@ -204,6 +212,7 @@ def _compute_point(job: StudyJob, point: StudyPoint, comm: MPI.Comm, *, warm_up:
         measured=job.measure(scene, results) if job.measure else {},
         seconds=tuple(cost.seconds for cost in costs),
         cpu_seconds=tuple(cost.cpu_seconds for cost in costs),
+        peak_mb=tuple(peaks),
         cached_stages=sum(stage["cached"] for stage in summary["stages"]),
     )
     return finished, None
@@ -213,6 +222,17 @@ def _reload(job: StudyJob, point: StudyPoint) -> Scene:
     if hash_scene(job.path) != job.content:
         raise StudyError(f"{job.path} changed while the study ran; start the study again, finished points that still hold are kept")
     return _load_point(job, point)
+
+
+def _element_kinds(scene: Scene) -> set[ElementKind]:
+    """What a point's components are made of; of those whose settings are chosen for an accuracy it is mostly that."""
+    parts = scene.machine.components.values()
+    if scene.accuracy is not None:
+        return {("elastic", "tet", 2)}
+    return {
+        (part.fidelity, part.mesh.cells, part.mesh.order) if part.fidelity == "elastic" else (part.fidelity, "", 0)
+        for part in parts
+    }
 
 
 @contextlib.contextmanager
