@@ -85,6 +85,9 @@ NOTES = {
     "Mesh.size": "target element size; from the solid's shape unless given",
     "Mesh.order": "1 locks in bending and is refused or warned of",
     "Mesh.across_patches": "least number of elements across a patch on a face; elements grow from there",
+    "Mesh.growth": "tets only: by what share of the distance from a patch's rim elements may grow, `0.3` for steady, `0.6` for cheap; "
+    "unless given, evenly up to the next edge of the face, which takes more elements",
+    "Mesh.rim_size": "size at the rims of rigid interfaces, where stresses are singular; with `growth`",
     "Mesh.force": "accept elements of order 1 where they lock grossly (drawn out, or in a thin part), to study just that",
     "Mesh.cells": "`hex` for boxes only",
     "Reduction.modes_to": "keep fixed-interface modes up to this frequency",

@@ -71,7 +71,9 @@ class MeshSettings:
     """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape.
 
     ``across_patches`` is the least number of elements across a patch that is imprinted on a face. ``force`` accepts elements of order 1
-    where they lock so much that they are refused otherwise.
+    where they lock so much that they are refused otherwise. With a ``growth`` elements grow from the rims of such patches by that share
+    of the distance; without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of rigid interfaces [m],
+    whole faces included, where stresses are singular.
     """
 
     size: float | None = None
@@ -79,6 +81,8 @@ class MeshSettings:
     cells: CellShape = "tet"
     force: bool = False
     across_patches: int = 4
+    growth: float | None = None
+    rim_size: float | None = None
 
 
 @dataclass(frozen=True)

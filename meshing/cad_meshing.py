@@ -12,11 +12,18 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, IntArray
-from headstock.meshing.curvature_sizing import SizePlan, apply_sizes, count_curved_cells, measure_curved_faces, size_curved_faces
+from headstock.meshing.curvature_sizing import (
+    SizePlan,
+    add_size_fields,
+    count_curved_cells,
+    measure_curved_faces,
+    size_curved_faces,
+)
 from headstock.meshing.element_quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshData, MeshJob, read_patch
-from headstock.meshing.patch_imprints import OpenShape, imprint_patches
+from headstock.meshing.patch_grading import add_grading_fields
+from headstock.meshing.patch_imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,
@@ -34,6 +41,7 @@ HXT, DELAUNAY = 10, 1
 TETRAHEDRON = {1: 4, 2: 11}
 TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
+NEVER_EXTEND = 0
 OPTIONS: dict[str, float] = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
@@ -58,7 +66,8 @@ def mesh_shape(job: MeshJob) -> MeshData:
         if isinstance(solid, StepFile):
             refuse_slivers(boundary_faces(volume), size=size, unit=job.unit)
         groups = {name: [read_patch(patch) for patch in patches] for name, patches in job.groups.items()}
-        faces = imprint_patches(_open_shape(job, solid, volume, size), groups)
+        imprints = imprint_patches(_open_shape(job, solid, volume, size), groups)
+        faces = imprints.faces
         properties = _measure(volume, faces)
         plan, count = _plan_sizes(job, volume, faces, size)
         if job.task == "describe":
@@ -67,7 +76,8 @@ def mesh_shape(job: MeshJob) -> MeshData:
         if count > CELL_BUDGET:
             remedy = ", or remove small holes and fillets" if isinstance(solid, StepFile) else ""
             raise MeshError(budget_message(count, size * job.unit) + remedy)
-        _generate(job, size, plan)
+        _set_sizes(job, size, plan, imprints)
+        _generate(job)
         return dataclasses.replace(_collect(job, volume, faces, properties, size), estimate=count)
 
 
@@ -164,10 +174,31 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
     return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
 
 
-def _generate(job: MeshJob, size: float, plan: SizePlan | None) -> None:
+def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, imprints: Imprints) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    if plan is not None:
-        apply_sizes(plan)
+    fields = [] if plan is None else add_size_fields(plan)
+    if job.growth is not None:
+        fields += add_grading_fields(_find_rims(job, imprints), growth=job.growth, size=size)
+        # sizes on faces follow their distance from the rims, not those of the nearest edges
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+    if fields:
+        smallest = gmsh.model.mesh.field.add("Min")
+        gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
+        gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
+    """Curves from which elements grow, and the size there."""
+    found: dict[int, float] = {}
+    groups = [([face], size) for face, size in imprints.sizes.items()]
+    groups += [] if job.rim_size is None else [(imprints.faces[name], job.rim_size / job.refinement) for name in job.rims]
+    for faces, size in groups:
+        for _, curve in gmsh.model.getBoundary([(2, face) for face in faces], oriented=False):
+            found[curve] = min(size, found.get(curve, size))
+    return found
+
+
+def _generate(job: MeshJob) -> None:
     if not _mesh_acceptably():
         limit = f"{job.memory_bytes / 2**30:.3g} GiB of memory"
         raise MeshError(f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model")
@@ -183,12 +214,12 @@ def _mesh_acceptably() -> bool:
         if found[algorithm] >= SLIVER_QUALITY:
             return True
     best = max(found, key=lambda algorithm: found[algorithm])
-    return _try_algorithm(best) > 0.0
+    return found[best] > 0.0 if best == DELAUNAY else _try_algorithm(best) > 0.0
 
 
 def _try_algorithm(algorithm: int) -> float:
-    """Mesh with straight tets and return the quality of the worst, 0 where meshing failed."""
-    gmsh.model.mesh.clear()
+    """Fill the faces' mesh, which is made once, with straight tets; return the quality of the worst, 0 where meshing failed."""
+    gmsh.model.mesh.clear(gmsh.model.getEntities(3))
     gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
     try:
         gmsh.model.mesh.generate(3)

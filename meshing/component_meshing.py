@@ -183,6 +183,9 @@ def run_shape_job(
         size=None if size is None else round_length(size / scale),
         refinement=refinement,
         across_patches=component.mesh.across_patches,
+        growth=component.mesh.growth,
+        rims=tuple(name for name in groups if name in component.interfaces and component.interfaces[name].coupling == "rigid"),
+        rim_size=None if component.mesh.rim_size is None else round_length(component.mesh.rim_size / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )

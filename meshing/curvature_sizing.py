@@ -96,15 +96,12 @@ def count_curved_cells(plan: SizePlan) -> int:
     return int(CELLS_PER_FACET * np.sum(2.3 * plan.curved.areas / plan.faces**2 * finer))
 
 
-def apply_sizes(plan: SizePlan) -> None:
-    """Tell gmsh the sizes; what is not finer than elsewhere needs no telling."""
+def add_size_fields(plan: SizePlan) -> list[int]:
+    """Tell gmsh the sizes and return the tags of its fields; what is not finer than elsewhere needs no telling."""
     rims = plan.curved.rims[:, 0].astype(np.int64)
     classes = [("SurfacesList", *found) for found in _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)]
     classes += [("CurvesList", *found) for found in _size_classes(rims, plan.rims, plan.elsewhere)]
-    if classes:
-        smallest = gmsh.model.mesh.field.add("Min")
-        gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", [_add_field(*found) for found in classes])
-        gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+    return [_add_field(*found) for found in classes]
 
 
 def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:

@@ -27,6 +27,9 @@ class MeshJob:
         unit: Length of the job's unit [m], for messages.
         size: Element size, None for the default rule (STEP files only).
         across_patches: Elements across an imprint.
+        growth: Element size per distance from the rim of an imprint, on top of the size there; None for gmsh's own grading.
+        rims: Groups around which stresses are singular.
+        rim_size: Element size at their rims.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
@@ -41,6 +44,9 @@ class MeshJob:
     size: float | None = None
     refinement: int = 1
     across_patches: int = 4
+    growth: float | None = None
+    rims: tuple[str, ...] = ()
+    rim_size: float | None = None
     order: int = 2
     straight: bool = False
     memory_bytes: int = 8 << 30

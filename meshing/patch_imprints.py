@@ -52,8 +52,21 @@ class OpenShape:
         return float((self.high - self.low).max())
 
 
-def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> dict[str, list[int]]:
-    """Imprint every patch on the shape and return the face tags of each group afterwards.
+@dataclass(frozen=True)
+class Imprints:
+    """Where patches ended up.
+
+    Attributes:
+        faces: Face tags of each group.
+        sizes: Element size on each face that was imprinted.
+    """
+
+    faces: dict[str, list[int]]
+    sizes: dict[int, float]
+
+
+def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprints:
+    """Imprint every patch on the shape.
 
     Overlapping patches share the faces of their overlap. Imprints get points with a mesh size that puts at least two elements
     across them.
@@ -79,9 +92,12 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> dict[st
             inputs[name] += faces
     wanted = {tag for tags in inputs.values() for tag in tags}
     children = _fragment_faces(shape, sorted(wanted & (struck | set(widths))), sorted(wanted - struck - set(widths)))
+    sizes: dict[int, float] = {}
     for tag, width in widths.items():
-        _refine(children[tag], min(width / (shape.across * shape.refinement), shape.size))
-    return {name: sorted({child for tag in tags for child in children[tag]}) for name, tags in inputs.items()}
+        size = min(width / (shape.across * shape.refinement), shape.size)
+        _refine(children[tag], size)
+        sizes |= {child: min(size, sizes.get(child, size)) for child in children[tag]}
+    return Imprints({name: sorted({child for tag in tags for child in children[tag]}) for name, tags in inputs.items()}, sizes)
 
 
 def _refine(faces: list[int], size: float) -> None:

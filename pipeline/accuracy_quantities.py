@@ -1,5 +1,6 @@
 """What a scene asks for as a list of numbers with relative errors, and who owns the largest."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -9,11 +10,12 @@ from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION, Estima
 from headstock.pipeline.run_state import RunState
 
 # Estimates of meshes are right within a factor, not bounds: 95 in 100 true errors are below this many times the estimate
-# (`validate mesh-estimates`).
+# (`validate mesh-estimates`). Where two rounds tell more, so many times less is counted (accuracy_levels.py).
 SAFETY = {DISCRETISATION: 1.8, REDUCTION: 1.0}
 RIGID_MODEL = "rigid model"
 
 Owner = tuple[str, str]  # component, source of error
+Factors = Mapping[tuple[str, Owner], float]  # key of a number and owner to what the estimate is multiplied by
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,15 @@ class Quantity:
     """A requested number.
 
     Attributes:
+        key: Which one, the same in every round.
         name: In plain words.
-        parts: Component and source to their relative part of the error, safety included; inf where there is no bound.
+        value: [Hz] or [m/N].
+        parts: Component and source to their relative part of the error; inf where there is no bound.
     """
 
+    key: str
     name: str
+    value: float
     parts: Mapping[Owner, float]
 
     @property
@@ -40,14 +46,29 @@ class Quantity:
 
 
 def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantity]:
-    """Every frequency and compliance that a run has found, with its error in parts; on rank 0.
+    """Every frequency and compliance that a run has found, with its error in parts as estimated; on rank 0.
 
     Args:
         state: After its analyses.
         rigid: Components that were taken as rigid to save time, and the share of any number that this may cost.
     """
     extra = {(name, RIGID_MODEL): share for name, share in rigid.items()}
-    return [Quantity(name, dict(parts) | extra) for name, parts in (*_list_frequencies(state), *_list_compliances(state))]
+    found = (*_list_frequencies(state), *_list_compliances(state))
+    return [dataclasses.replace(quantity, parts={**quantity.parts, **extra}) for quantity in found]
+
+
+def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]:
+    """The same with their errors as they are to be counted: times a known factor, or else the one that held elsewhere."""
+    return [
+        dataclasses.replace(
+            quantity,
+            parts={
+                owner: factors.get((quantity.key, owner), SAFETY.get(owner[1], 1.0)) * part
+                for owner, part in quantity.parts.items()
+            },
+        )
+        for quantity in quantities
+    ]
 
 
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
@@ -67,7 +88,7 @@ def elastic_shares(state: RunState) -> dict[str, float]:
     return found
 
 
-def _list_frequencies(state: RunState) -> Iterator[tuple[str, dict[Owner, float]]]:
+def _list_frequencies(state: RunState) -> Iterator[Quantity]:
     poses = len(state.modal) > 1
     for modes in state.modal:
         place = f" in pose {modes.pose.name}" if poses else ""
@@ -76,22 +97,23 @@ def _list_frequencies(state: RunState) -> Iterator[tuple[str, dict[Owner, float]
             parts = _relative_parts(modes.errors[index], hz)
             if REDUCTION in modes.errors[index].shares and modes.errors[index].shares[REDUCTION] is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
-            yield f"frequency {index + 1} ({hz:.4g} Hz){place}", parts
+            yield Quantity(f"frequency {index + 1}{place}", f"frequency {index + 1} ({hz:.4g} Hz){place}", hz, parts)
 
 
-def _list_compliances(state: RunState) -> Iterator[tuple[str, dict[Owner, float]]]:
+def _list_compliances(state: RunState) -> Iterator[Quantity]:
     poses = len(state.static) > 1
     for pose, points in state.static.items():
         for name, point in points.items():
             for axis, (direction, error) in enumerate(point.errors.items()):
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
-                    yield f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}", _relative_parts(error, value)
+                    what = f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}"
+                    yield Quantity(what, what, value, _relative_parts(error, value))
 
 
 def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
     return {
-        (name, source): SAFETY[source] * size / value
+        (name, source): size / value
         for source, sizes in error.parts.items()
         if source in SAFETY
         for name, size in sizes.items()

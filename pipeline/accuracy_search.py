@@ -1,17 +1,20 @@
 """The cheapest settings for a stated accuracy: start cheap, refine what owns the largest error, take the rest from the store."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.components import Component, MeshSettings
 from headstock.geometry.solids import MeshFile
+from headstock.pipeline.accuracy_levels import weigh_estimates
 from headstock.pipeline.accuracy_quantities import (
     RIGID_MODEL,
+    Factors,
     Owner,
     Quantity,
+    count_safely,
     elastic_shares,
     list_quantities,
     worst_quantity,
@@ -61,6 +64,25 @@ class AccuracySearch:
 
 
 @dataclass(frozen=True, eq=False)
+class _History:
+    """What the rounds so far have taught.
+
+    Attributes:
+        trials: Of each component, its meshes so far and the largest error they owned.
+        rigid: Components that were taken as rigid, and the share of any number that this may cost.
+        quantities: Numbers of the last round, with errors as estimated.
+        sizes: Mesh sizes of the last round [m].
+        factors: By how much estimates are to be multiplied.
+    """
+
+    trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
+    rigid: Mapping[str, float] = field(default_factory=dict)
+    quantities: Sequence[Quantity] = ()
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    factors: Factors = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class _Verdict:
     """What rank 0 makes of a round: whether the search ends, else the next scene; and what is told of it."""
 
@@ -95,13 +117,12 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         BudgetError: Not even the coarsest settings fit the limits.
     """
     goal, current, rounds = _goal(scene), start_scene(scene), []
-    trials: dict[str, tuple[Trial, ...]] = {}
-    rigid: dict[str, float] = {}
+    history = _History()
     state = run_round(current, plan_scene(current))
     failure = ""
     for number in range(MOST_ROUNDS):
-        judged = (_judge(current, state, goal, trials, rigid), trials, rigid) if state.is_root else None
-        verdict, trials, rigid = share_from_root(state.comm, judged)
+        judged = _judge(current, state, goal, history) if state.is_root else None
+        verdict, history = share_from_root(state.comm, judged)
         rounds.append(verdict.round)
         failure = verdict.failure
         if verdict.ends:
@@ -126,7 +147,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
         "reason": failure,
         "rounds": rounds,
         "settings": {
-            name: _describe(part) for name, part in current.machine.components.items() if is_chosen(part) or name in rigid
+            name: _describe(part) for name, part in current.machine.components.items() if is_chosen(part) or name in history.rigid
         },
     }
     if failure:
@@ -134,40 +155,56 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, summary, failure)
 
 
-def _judge(
-    scene: Scene, state: RunState, goal: AccuracyGoal, trials: dict[str, tuple[Trial, ...]], rigid: dict[str, float]
-) -> _Verdict:
-    """Whether a round is good enough, and else what is refined; adds to the trials and to what is taken as rigid."""
-    quantities = list_quantities(state, rigid)
+def _judge(scene: Scene, state: RunState, goal: AccuracyGoal, history: _History) -> tuple[_Verdict, _History]:
+    """Whether a round is good enough, and else what is refined; and what it adds to the history."""
+    parts = scene.machine.components
+    estimated = list_quantities(state, history.rigid)
+    sizes = {name: part.mesh.size for name, part in parts.items() if part.mesh.size is not None and is_chosen(part)}
+    steps = {name: size / history.sizes[name] for name, size in sizes.items() if size < history.sizes.get(name, 0.0)}
+    factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
+    quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
-        return _Verdict(True, scene, {"quantity": "every number", "error": 0.0, "because": "no component is meshed"})
+        return _Verdict(True, scene, {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}), history
     component, source = worst.owner
     because = (
         f"{worst.name} may be off by {_percent(worst.error)}; {_percent(worst.parts[worst.owner])} is the {source} of {component}"
     )
     found: Json = {"quantity": worst.name, "error": _finite(worst.error), "owner": component, "source": source, "because": because}
     if worst.error <= goal.to or state.failures:
-        return _Verdict(True, scene, found)
-    parts = dict(scene.machine.components)
-    if goal.fidelity and not trials:
-        rigid |= _rigid_candidates(state, parts, goal.to)
-        parts |= {name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid}
-    _remember(trials, parts, quantities)
-    for (name, kind), ratio in _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts).items():
+        return _Verdict(True, scene, found), history
+    may_be_rigid = goal.fidelity and not history.trials
+    rigid = {**history.rigid, **(_rigid_candidates(state, parts, goal.to) if may_be_rigid else {})}
+    parts = {**parts, **{name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid}}
+    learnt = _History(_remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors)
+    wanted = _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts)
+    return _refine(scene, state, parts, wanted, learnt.trials, found), learnt
+
+
+def _refine(
+    scene: Scene,
+    state: RunState,
+    parts: Mapping[str, Component],
+    wanted: Mapping[Owner, float],
+    trials: Mapping[str, tuple[Trial, ...]],
+    found: Json,
+) -> _Verdict:
+    """The next scene, in which the errors of some owners should be so many times what they are."""
+    finer = dict(parts)
+    for (name, kind), ratio in wanted.items():
         if kind == RIGID_MODEL or (isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION):
             return _Verdict(True, scene, found, failure=f"the {kind} of {name} is not ours to refine")
         if kind == DISCRETISATION:
-            parts[name] = refine_mesh(parts[name], ratio=ratio, trials=trials.get(name, ()))
+            finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
         else:
             cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
-            parts[name] = refine_modes(parts[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
+            finer[name] = refine_modes(finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
     changes = {
-        name: f"{_describe(scene.machine.components[name])} → {_describe(part)}: {because}"
-        for name, part in parts.items()
+        name: f"{_describe(scene.machine.components[name])} → {_describe(part)}: {found['because']}"
+        for name, part in finer.items()
         if _describe(part) != _describe(scene.machine.components[name])
     }
-    return _Verdict(False, _with_components(scene, parts), found | {"changes": changes}, changes)
+    return _Verdict(False, _with_components(scene, finer), found | {"changes": changes}, changes)
 
 
 def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]) -> dict[Owner, float]:
@@ -196,13 +233,21 @@ def _share_with_twins(wanted: Mapping[Owner, float], parts: Mapping[str, Compone
     }
 
 
-def _remember(trials: dict[str, tuple[Trial, ...]], parts: Mapping[str, Component], quantities: list[Quantity]) -> None:
+def _remember(
+    trials: Mapping[str, tuple[Trial, ...]], parts: Mapping[str, Component], estimated: Sequence[Quantity], counted: Sequence[Quantity]
+) -> dict[str, tuple[Trial, ...]]:
+    """The trials with those of this round."""
+    longer = dict(trials)
     for name, part in parts.items():
         twins = [other for other in parts if are_twins(part, parts[other])]
-        errors = [quantity.parts.get((other, DISCRETISATION), 0.0) for quantity in quantities for other in twins]
+        largest, largest_counted = (
+            max((quantity.parts.get((other, DISCRETISATION), 0.0) for quantity in quantities for other in twins), default=0.0)
+            for quantities in (estimated, counted)
+        )
         known = trials.get(name, ())
-        if part.mesh.size is not None and max(errors, default=0.0) > 0.0 and (not known or known[-1].size != part.mesh.size):
-            trials[name] = (*known, Trial(part.mesh.size, max(errors)))
+        if part.mesh.size is not None and largest > 0.0 and (not known or known[-1].size != part.mesh.size):
+            longer[name] = (*known, Trial(part.mesh.size, largest, largest_counted))
+    return longer
 
 
 def _rigid_candidates(state: RunState, parts: Mapping[str, Component], accuracy: float) -> dict[str, float]:
@@ -249,7 +294,9 @@ def _describe(component: Component) -> str:
         size = "mesh of the file"
     else:
         patches = "" if mesh.across_patches == MeshSettings().across_patches else f", {mesh.across_patches} across patches"
-        size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}"
+        rims = "" if mesh.rim_size is None else f", {1e3 * mesh.rim_size:.3g} mm at rims"
+        growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
+        size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
     return size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
 
 

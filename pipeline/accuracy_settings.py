@@ -21,18 +21,23 @@ COARSER_THAN_RULE = 2.0
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2 times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
-# errors fall like size^2 between smooth fields (4) and clamped edges or small patches (about 1)
+# errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
-RIM_RATE = 1.2  # around the rim of a rigid patch within a face, where stresses are singular
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
+# Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
+# or second power of the size there: it falls with the square of the size elsewhere, which grading makes cheap.
+START_GROWTH, LEAST_GROWTH = 0.5, 0.3
+START_ACROSS = 8
+RIM_SHARE, RIM_POWER = 0.25, 2.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A mesh size that was tried [m] and the largest relative error that it owned."""
+    """A mesh size that was tried [m] and the largest relative error that it owned, as estimated and as counted."""
 
     size: float
     error: float
+    counted: float
 
 
 def is_chosen(component: Component) -> bool:
@@ -61,16 +66,24 @@ def mode_margin(accuracy: float) -> float:
 
 def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
     """The component with a mesh size at which its error should be so many times what it is."""
-    size = component.mesh.size
-    if size is None:
+    mesh = component.mesh
+    if mesh.size is None:
         raise ValueError("a mesh without a size cannot be refined")
-    rate = observed_rate(trials, RIM_RATE if _has_rigid_rims(component) else DEFAULT_RATE)
-    step = float(np.clip(ratio ** (1.0 / rate), LARGEST_STEP, LEAST_STEP))
-    finer = dataclasses.replace(component.mesh, size=float(f"{step * size:.3g}"))
-    if _narrowest_patch(component) < size:
-        # the elements at a small patch do not follow the size: they would stay as they are
-        finer = dataclasses.replace(finer, across_patches=min(MOST_ACROSS, math.ceil(component.mesh.across_patches / step)))
+    step = float(np.clip(ratio ** (1.0 / observed_rate(trials)), LARGEST_STEP, LEAST_STEP))
+    finer = dataclasses.replace(mesh, size=_round(step * mesh.size), across_patches=_refine_across(component, step))
+    if mesh.growth is not None:
+        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth)))
+    if mesh.rim_size is not None:
+        finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
     return dataclasses.replace(component, mesh=finer)
+
+
+def _refine_across(component: Component, step: float) -> int:
+    """Elements at imprints do not follow the size; those of a block of hexes do where they are as large."""
+    mesh, narrowest = component.mesh, _narrowest_patch(component)
+    if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
+        return mesh.across_patches
+    return min(MOST_ACROSS, math.ceil(mesh.across_patches / step))
 
 
 def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float) -> Component:
@@ -81,26 +94,48 @@ def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highes
     return dataclasses.replace(component, reduction=settings)
 
 
-def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
-    """Power of the mesh size with which the last two trials fell; what is expected of the first one alone."""
+def observed_rate(trials: tuple[Trial, ...]) -> float:
+    """Power of the mesh size with which the error of the last two trials fell; what is expected of the first one alone.
+
+    Where numbers settle faster than their estimates fall, they are believed up to what is expected.
+    """
     if len(trials) < 2:
-        return expected
+        return DEFAULT_RATE
     before, after = trials[-2:]
-    if not (before.size > after.size > 0.0 and before.error > after.error > 0.0):
+    estimated = _rate(before.size / after.size, before.error / after.error)
+    counted = _rate(before.size / after.size, before.counted / after.counted)
+    return max(estimated, min(counted, DEFAULT_RATE))
+
+
+def _rate(finer: float, better: float) -> float:
+    if finer <= 1.0 or better <= 1.0:
         return SLOWEST_RATE
-    rate = math.log(before.error / after.error) / math.log(before.size / after.size)
-    return float(np.clip(rate, SLOWEST_RATE, FASTEST_RATE))
+    return float(np.clip(math.log(better) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
 
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
     if isinstance(solid, StepFile):
-        return MeshSettings(COARSER_THAN_RULE * automatic_size(component))
+        return _grade(component, MeshSettings(_round(COARSER_THAN_RULE * automatic_size(component))))
     if isinstance(solid, MeshFile | SuperelementFile):
         raise ValueError("the mesh of a file is not ours to choose")
     share = FINE_START_SHARE if accuracy < FINE_ACCURACY else START_SHARE
-    size = float(f"{min(share * thinnest_feature(solid), largest_extent(solid) / FEWEST_ALONG):.3g}")
-    return MeshSettings(size, cells=_choose_cells(component, size))
+    size = _round(min(share * thinnest_feature(solid), largest_extent(solid) / FEWEST_ALONG))
+    cells = _choose_cells(component, size)
+    return MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, MeshSettings(size))
+
+
+def _grade(component: Component, mesh: MeshSettings) -> MeshSettings:
+    """The same with tets that grow from the rims of patches and of rigid interfaces."""
+    imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
+    if not imprinted and not rigid:
+        return mesh
+    return dataclasses.replace(
+        mesh,
+        across_patches=START_ACROSS if imprinted else mesh.across_patches,
+        growth=START_GROWTH,
+        rim_size=_round(RIM_SHARE * (mesh.size or 0.0)) if rigid else None,
+    )
 
 
 def _choose_cells(component: Component, size: float) -> CellShape:
@@ -121,9 +156,12 @@ def _narrowest_patch(component: Component) -> float:
 
 
 def _has_rigid_rims(component: Component) -> bool:
-    """Whether a patch within a face is held rigidly."""
-    held = [interface for interface in component.interfaces.values() if interface.coupling == "rigid"]
-    return any(patch.shape != "whole" for interface in held for patch in interface.patches)
+    """Whether an area is held rigidly, so that stresses grow without limit at its rim."""
+    return any(interface.coupling == "rigid" for interface in component.interfaces.values())
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.3g}")
 
 
 def are_twins(first: Component, second: Component) -> bool:

@@ -22,6 +22,7 @@ from headstock.pipeline.schema_components import (
     ComponentTable,
     InterfaceTable,
     MaterialTable,
+    MeshTable,
     PatchTable,
     RotationTable,
     SolidTable,
@@ -139,12 +140,16 @@ def build_component(
         placement=build_frame(table.at, table.rotate),
         interfaces=interfaces,
         fidelity=table.fidelity,
-        mesh=MeshSettings(table.mesh.size, table.mesh.order, table.mesh.cells, table.mesh.force, table.mesh.across_patches),
+        mesh=_build_mesh_settings(table.mesh),
         reduction=ReductionSettings(table.reduction.modes_to, table.reduction.modes, table.reduction.verify),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass,
         free=free or table.free,
     )
+
+
+def _build_mesh_settings(table: MeshTable) -> MeshSettings:
+    return MeshSettings(table.size, table.order, table.cells, table.force, table.across_patches, table.growth, table.rim_size)
 
 
 def _three(values: list[float]) -> tuple[float, float, float]:

@@ -241,6 +241,8 @@ class MeshTable(StrictTable):
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
     across_patches: Annotated[Count, Field(le=100)] = 4
+    growth: Annotated[Number, Field(ge=0.05, le=2.0)] | None = None
+    rim_size: PositiveLength | None = None
     force: Flag = False
 
 
