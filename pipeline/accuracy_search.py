@@ -234,7 +234,10 @@ def _share_with_twins(wanted: Mapping[Owner, float], parts: Mapping[str, Compone
 
 
 def _remember(
-    trials: Mapping[str, tuple[Trial, ...]], parts: Mapping[str, Component], estimated: Sequence[Quantity], counted: Sequence[Quantity]
+    trials: Mapping[str, tuple[Trial, ...]],
+    parts: Mapping[str, Component],
+    estimated: Sequence[Quantity],
+    counted: Sequence[Quantity],
 ) -> dict[str, tuple[Trial, ...]]:
     """The trials with those of this round."""
     longer = dict(trials)

@@ -17,7 +17,7 @@ START_SHARE, FINE_START_SHARE = 0.95, 0.6
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
-COARSER_THAN_RULE = 2.0
+COARSER_THAN_RULE = 3.0
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2 times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes

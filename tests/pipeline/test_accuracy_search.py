@@ -111,7 +111,9 @@ def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
     assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == pytest.approx(3.0)
     assert observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
     # numbers that settle faster than estimates fall
-    assert observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == pytest.approx(observed_rate((Trial(2.0, 0.04, 0.07),)))
+    assert observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == pytest.approx(
+        observed_rate((Trial(2.0, 0.04, 0.07),))
+    )
 
 
 def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -> None:
