@@ -10,8 +10,8 @@ from headstock.pipeline.error_estimates import DISCRETISATION
 # errors are taken to fall with this power of the mesh size, though most fall faster, and what that leaves counts half as much again
 LEVEL_RATE = 1.5
 LEVEL_SAFETY = 1.5
-# estimates came out up to four times the true error (thin walls with one tetrahedron across), so no less than this share counts
-LEAST_FACTOR = 0.4
+# estimates came out up to one and a half times the true error, so no less than this share of them counts
+LEAST_FACTOR = 0.7
 
 
 def weigh_estimates(

@@ -20,6 +20,7 @@ from headstock.pipeline.accuracy_quantities import (
     worst_quantity,
 )
 from headstock.pipeline.accuracy_settings import (
+    START_ACCURACY,
     Trial,
     are_twins,
     is_chosen,
@@ -95,12 +96,17 @@ class _Verdict:
 
 def start_scene(scene: Scene) -> Scene:
     """A scene with the settings that a search for its accuracy begins with, and the analyses that errors are estimated of."""
-    goal = _goal(scene)
-    analyses = _round_analyses(scene.analyses)
-    modes_to = _modes_to(scene.analyses, goal.to)
+    return _start_scene(scene, _goal(scene).to)
+
+
+def _start_scene(scene: Scene, accuracy: float) -> Scene:
+    """Where one body makes all of the error, its mesh begins as fine as the accuracy asks; among several most need it coarse."""
+    analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
+    chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
+    one = all(are_twins(chosen[0], part) for part in chosen)
     components = {
-        name: start_component(component, goal.to, modes_to) if is_chosen(component) else component
-        for name, component in scene.machine.components.items()
+        name: start_component(part, accuracy if one else START_ACCURACY, modes_to) if is_chosen(part) else part
+        for name, part in scene.machine.components.items()
     }
     return _with_components(dataclasses.replace(scene, analyses=analyses), components)
 
@@ -116,9 +122,10 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
-    goal, current, rounds = _goal(scene), start_scene(scene), []
+    goal, rounds = _goal(scene), []
     history = _History()
-    state = run_round(current, plan_scene(current))
+    current, plan = _plan_start(scene)
+    state = run_round(current, plan)
     failure = ""
     for number in range(MOST_ROUNDS):
         judged = _judge(current, state, goal, history) if state.is_root else None
@@ -153,6 +160,15 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     if failure:
         failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last['quantity']} within {_percent(last['error'])}: {failure}"
     return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, summary, failure)
+
+
+def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
+    current = start_scene(scene)
+    try:
+        return current, plan_scene(current)
+    except BudgetError:
+        current = _start_scene(scene, START_ACCURACY)
+        return current, plan_scene(current)
 
 
 def _judge(scene: Scene, state: RunState, goal: AccuracyGoal, history: _History) -> tuple[_Verdict, _History]:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.components import CellShape, Component, MeshSettings, ReductionSettings
+from headstock.geometry.mass_properties import solid_volume
 from headstock.geometry.solids import Box, MeshFile, StepFile, SuperelementFile
 from headstock.meshing.component_meshing import automatic_size, count_hexes
-from headstock.meshing.sizing import largest_extent, thinnest_feature
+from headstock.meshing.sizing import DEFAULT_CELLS, SIZE_STEP, estimate_tets, largest_extent, thinnest_feature
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex across: a quarter of it).
-FINE_ACCURACY = 0.005
-START_SHARE, FINE_START_SHARE = 0.95, 0.6
+START_SHARE = 0.95
+START_ACCURACY = 0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
@@ -26,7 +27,7 @@ DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
 # or second power of the size there: it falls with the square of the size elsewhere, which grading makes cheap.
-START_GROWTH, LEAST_GROWTH = 0.5, 0.3
+START_GROWTH, LEAST_GROWTH = 0.5, 0.2
 START_ACROSS = 8
 RIM_SHARE, RIM_POWER = 0.25, 2.0
 
@@ -70,17 +71,24 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     if mesh.size is None:
         raise ValueError("a mesh without a size cannot be refined")
     step = float(np.clip(ratio ** (1.0 / observed_rate(trials)), LARGEST_STEP, LEAST_STEP))
-    finer = dataclasses.replace(mesh, size=_round(step * mesh.size), across_patches=_refine_across(component, step))
+    return dataclasses.replace(component, mesh=_shrink(component, mesh, step))
+
+
+def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
+    """A mesh with sizes that are so many times what they are, and that much finer where stresses are singular."""
+    finer = dataclasses.replace(
+        mesh, size=_round(step * (mesh.size or 0.0)), across_patches=_shrink_imprints(component, mesh, step)
+    )
     if mesh.growth is not None:
-        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth)))
+        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, step * mesh.growth)))
     if mesh.rim_size is not None:
         finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
-    return dataclasses.replace(component, mesh=finer)
+    return finer
 
 
-def _refine_across(component: Component, step: float) -> int:
+def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> int:
     """Elements at imprints do not follow the size; those of a block of hexes do where they are as large."""
-    mesh, narrowest = component.mesh, _narrowest_patch(component)
+    narrowest = _narrowest_patch(component)
     if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
         return mesh.across_patches
     return min(MOST_ACROSS, math.ceil(mesh.across_patches / step))
@@ -115,27 +123,26 @@ def _rate(finer: float, better: float) -> float:
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
+    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / DEFAULT_RATE))
     if isinstance(solid, StepFile):
-        return _grade(component, MeshSettings(_round(COARSER_THAN_RULE * automatic_size(component))))
+        return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component))), step)
     if isinstance(solid, MeshFile | SuperelementFile):
         raise ValueError("the mesh of a file is not ours to choose")
-    share = FINE_START_SHARE if accuracy < FINE_ACCURACY else START_SHARE
-    size = _round(min(share * thinnest_feature(solid), largest_extent(solid) / FEWEST_ALONG))
+    thinnest = thinnest_feature(solid)
+    size = _round(min(START_SHARE * thinnest, largest_extent(solid) / FEWEST_ALONG))
+    while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
+        step = min(1.0, SIZE_STEP * step)
     cells = _choose_cells(component, size)
-    return MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, MeshSettings(size))
+    return _shrink(component, MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size), step)
 
 
-def _grade(component: Component, mesh: MeshSettings) -> MeshSettings:
-    """The same with tets that grow from the rims of patches and of rigid interfaces."""
+def _grade(component: Component, size: float) -> MeshSettings:
+    """Tets of a size that grow from the rims of patches and of rigid interfaces."""
     imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
     if not imprinted and not rigid:
-        return mesh
-    return dataclasses.replace(
-        mesh,
-        across_patches=START_ACROSS if imprinted else mesh.across_patches,
-        growth=START_GROWTH,
-        rim_size=_round(RIM_SHARE * (mesh.size or 0.0)) if rigid else None,
-    )
+        return MeshSettings(size)
+    across = START_ACROSS if imprinted else MeshSettings().across_patches
+    return MeshSettings(size, across_patches=across, growth=START_GROWTH, rim_size=_round(RIM_SHARE * size) if rigid else None)
 
 
 def _choose_cells(component: Component, size: float) -> CellShape:
