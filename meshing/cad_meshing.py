@@ -22,7 +22,7 @@ from headstock.meshing.curvature_sizing import (
 from headstock.meshing.element_quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshData, MeshJob, read_patch
-from headstock.meshing.patch_grading import add_grading_fields
+from headstock.meshing.patch_grading import add_grading_fields, count_rim_cells
 from headstock.meshing.patch_imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.sizing import (
     CELL_BUDGET,
@@ -69,14 +69,16 @@ def mesh_shape(job: MeshJob) -> MeshData:
         imprints = imprint_patches(_open_shape(job, solid, volume, size), groups)
         faces = imprints.faces
         properties = _measure(volume, faces)
+        rims = _find_rims(job, imprints)
         plan, count = _plan_sizes(job, volume, faces, size)
+        count += 0 if job.growth is None else count_rim_cells(rims, growth=job.growth, size=size)
         if job.task == "describe":
             nothing = np.zeros((0, 4), dtype=np.int64)
             return MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
         if count > CELL_BUDGET:
             remedy = ", or remove small holes and fillets" if isinstance(solid, StepFile) else ""
             raise MeshError(budget_message(count, size * job.unit) + remedy)
-        _set_sizes(job, size, plan, imprints)
+        _set_sizes(job, size, plan, rims)
         _generate(job)
         return dataclasses.replace(_collect(job, volume, faces, properties, size), estimate=count)
 
@@ -174,11 +176,11 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
     return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
 
 
-def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, imprints: Imprints) -> None:
+def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, rims: dict[int, float]) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     fields = [] if plan is None else add_size_fields(plan)
     if job.growth is not None:
-        fields += add_grading_fields(_find_rims(job, imprints), growth=job.growth, size=size)
+        fields += add_grading_fields(rims, growth=job.growth, size=size)
         # sizes on faces follow their distance from the rims, not those of the nearest edges
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
     if fields:

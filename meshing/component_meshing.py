@@ -118,8 +118,9 @@ def estimate_cells(component: Component) -> int:
         return 0
     if isinstance(solid, MeshFile):
         return len(read_mesh_file(solid, f"component {component.name!r}").cells)
-    if isinstance(solid, StepFile):
-        return run_shape_job(component, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
+    if isinstance(solid, StepFile) or (component.mesh.growth is not None and component.mesh.cells == "tet"):
+        groups = patch_groups(component, (), ()) if component.mesh.growth is not None else {}
+        return run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
     return _planned_cells(component)
 
 

@@ -27,9 +27,9 @@ DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
 # or second power of the size there: it falls with the square of the size elsewhere, which grading makes cheap.
-START_GROWTH, LEAST_GROWTH = 0.5, 0.2
-START_ACROSS = 8
-RIM_SHARE, RIM_POWER = 0.25, 2.0
+START_GROWTH, LEAST_GROWTH = 0.35, 0.2
+START_ACROSS = 12
+RIM_SHARE, RIM_POWER = 0.2, 2.0
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from headstock.validation.accuracy_cases import check_cantilever_accuracy, check_mesh_estimates
+from headstock.validation.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
 from headstock.validation.axis_kit_cases import check_axis_kit
 from headstock.validation.beam_cases import (
     check_cantilever_modes,
@@ -125,7 +125,13 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
     Case("mesh-estimates", "estimates", "± of meshes against a fine mesh", check_mesh_estimates),
-    Case("cantilever-accuracy", "accuracy", "the seed's column with 3 %, 1 % and 0.1 % asked for", check_cantilever_accuracy),
+    Case(
+        "beam-accuracy",
+        "accuracy",
+        "the seed's column with 3 %, 1 % and 0.1 % asked for, its fixed beam with 1 %",
+        check_beam_accuracy,
+    ),
+    Case("machine-accuracy", "accuracy", "the three-axis machine and two STEP parts with 1 % asked for", check_machine_accuracy),
     Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", check_frequency_estimates),
     Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", check_step_estimates),
     Case("response-estimates", "estimates", "± of frequency responses against direct solves", check_response_estimates),
