@@ -24,12 +24,13 @@ MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
+FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
-# or second power of the size there: it falls with the square of the size elsewhere, which grading makes cheap.
-START_GROWTH, LEAST_GROWTH = 0.35, 0.2
+# or second power of the size there, which falls faster than the size elsewhere; grading makes that cheap.
+START_GROWTH, LEAST_GROWTH = 0.35, 0.25
 START_ACROSS = 12
-RIM_SHARE, RIM_POWER = 0.2, 2.0
+RIM_SHARE, RIM_POWER = 0.2, 1.5
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     mesh = component.mesh
     if mesh.size is None:
         raise ValueError("a mesh without a size cannot be refined")
-    step = float(np.clip(ratio ** (1.0 / observed_rate(trials)), LARGEST_STEP, LEAST_STEP))
+    step = float(np.clip(ratio ** (1.0 / observed_rate(trials, _expected_rate(component))), LARGEST_STEP, LEAST_STEP))
     return dataclasses.replace(component, mesh=_shrink(component, mesh, step))
 
 
@@ -80,7 +81,7 @@ def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettin
         mesh, size=_round(step * (mesh.size or 0.0)), across_patches=_shrink_imprints(component, mesh, step)
     )
     if mesh.growth is not None:
-        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, step * mesh.growth)))
+        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth)))
     if mesh.rim_size is not None:
         finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
     return finer
@@ -102,17 +103,21 @@ def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highes
     return dataclasses.replace(component, reduction=settings)
 
 
-def observed_rate(trials: tuple[Trial, ...]) -> float:
+def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
     """Power of the mesh size with which the error of the last two trials fell; what is expected of the first one alone.
 
     Where numbers settle faster than their estimates fall, they are believed up to what is expected.
     """
     if len(trials) < 2:
-        return DEFAULT_RATE
+        return expected
     before, after = trials[-2:]
     estimated = _rate(before.size / after.size, before.error / after.error)
     counted = _rate(before.size / after.size, before.counted / after.counted)
-    return max(estimated, min(counted, DEFAULT_RATE))
+    return max(estimated, min(counted, expected))
+
+
+def _expected_rate(component: Component) -> float:
+    return FILE_RATE if isinstance(component.solid, StepFile) else DEFAULT_RATE
 
 
 def _rate(finer: float, better: float) -> float:
@@ -123,7 +128,7 @@ def _rate(finer: float, better: float) -> float:
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
-    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / DEFAULT_RATE))
+    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
     if isinstance(solid, StepFile):
         return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component))), step)
     if isinstance(solid, MeshFile | SuperelementFile):
