@@ -134,7 +134,7 @@ def test_a_mechanism_ends_with_1_names_what_is_free_and_still_shows_its_modes(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene_file.write_text(RIGID_SCENE.replace('x = "10 N/um", ', ""))
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out")]) == 1
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = capsys.readouterr().out
     assert "failed: static analysis in pose reference: 1 rigid motion(s) are free" in printed.replace("\n", " ")
     assert "X translation of block" in printed.replace("\n", " ")
@@ -147,7 +147,7 @@ def test_a_mechanism_ends_with_1_names_what_is_free_and_still_shows_its_modes(
 def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
     planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
     assert main(["plan", str(scene_file), "--json", str(planned)]) == 0
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--json", str(ran)]) == 0
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--json", str(ran)]) == 0
     keys = ("stage", "component", "pose", "reason")
     rows = [
         [{key: row[key] for key in keys} for row in content]
@@ -157,7 +157,7 @@ def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
 
 
 def test_an_analysis_can_be_chosen(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "modal"]) == 0
+    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--analysis", "modal"]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["static"] == {}
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--analysis", "transient"]) == 2
@@ -165,7 +165,10 @@ def test_an_analysis_can_be_chosen(scene_file: Path, tmp_path: Path, capsys: pyt
 
 
 def test_an_override_changes_the_result(scene_file: Path, tmp_path: Path) -> None:
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--set", 'joints.mount.stiffness.z="80 N/um"']) == 0
+    assert (
+        main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures", "--set", 'joints.mount.stiffness.z="80 N/um"'])
+        == 0
+    )
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(12.5, rel=1e-9)
 

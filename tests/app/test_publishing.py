@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 import struct
 from pathlib import Path
 
@@ -30,12 +31,21 @@ def store_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("store")
 
 
-@pytest.fixture
-def folder(store_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(store_root))
-    out = tmp_path / "out"
-    assert main(["run", str(MACHINES / "three_axis.toml"), "-o", str(out), "--variant", "R"]) == 0
+@pytest.fixture(scope="module")
+def finished(store_root: Path) -> Path:
+    out = store_root.parent / "finished"
+    few = 'analyses.modal.up_to="150 Hz"'
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HEADSTOCK_STORE", str(store_root))
+        assert main(["run", str(MACHINES / "three_axis.toml"), "-o", str(out), "--variant", "R", "--set", few]) == 0
     return out
+
+
+@pytest.fixture
+def folder(finished: Path, store_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of a finished run that a test may spoil."""
+    monkeypatch.setenv("HEADSTOCK_STORE", str(store_root))
+    return Path(shutil.copytree(finished, tmp_path / "out"))
 
 
 def picture_size(path: Path) -> tuple[int, int]:

@@ -83,6 +83,7 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(scene_file: 
             str(out),
             "--ranks",
             str(ranks),
+            "--no-figures",
         )
         result = run_on_ranks(ranks, tmp_path, *program)
         assert result.returncode == 0, result.stderr
@@ -120,7 +121,7 @@ def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
     found = []
     for ranks in (1, 3):
         folder = tmp_path / str(ranks)
-        arguments = ("run", str(scene), "--analysis", "map", "--set", spans, "-o", str(folder))
+        arguments = ("run", str(scene), "--analysis", "map", "--set", spans, "--no-figures", "-o", str(folder))
         done = run_on_ranks(ranks, tmp_path, "-m", "headstock.app.command_line", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
         found.append(json.loads((folder / "summary.json").read_text())["map"])

@@ -301,7 +301,7 @@ def ball(count: int) -> Skin:
 
 
 def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says_so(run_folder: Path) -> None:
-    skins = {f"big {number}": ball(200) for number in range(5)}
+    skins = {f"big {number}": ball(120) for number in range(3)}
     rng, count = np.random.default_rng(2), 40
     shifts = {name: rng.random((count, len(skin.points), 3), dtype=np.float32) for name, skin in skins.items()}
     poses = {name: PoseView(dict.fromkeys(skins, Frame()), {}, {}, shifts) for name in ("p", "q")}
