@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.linalg
+from _pytest.python_api import ApproxScalar
 from mpi4py import MPI
 
 from headstock.geometry.components import Component, Interface, Patch, ReductionSettings
@@ -18,6 +19,10 @@ from headstock.meshing.mesh_surface import extract_surface
 from headstock.solvers.elasticity import assemble_elasticity
 from headstock.validation.element_integrals import integrate_over_cells
 from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
+
+# pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and moments of mass are all alike;
+# without it an expected zero needs an abs of its own
+ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 

@@ -92,7 +92,7 @@ def test_a_face_of_a_thousandth_of_the_length_keeps_its_facets_and_area(write_st
     tiny = next(
         number
         for number, (_, tag) in enumerate(gmsh.model.getEntities(2), 1)
-        if np.isclose(gmsh.model.occ.getMass(2, tag), 0.1 * 60.0)
+        if np.isclose(gmsh.model.occ.getMass(2, tag), 0.1 * 60.0, atol=0.0)
     )
     assert_faithful(part(path, {"foot": "z-", "ledge": f"face:{tiny}"}, size=0.01))
 

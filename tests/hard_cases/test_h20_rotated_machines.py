@@ -46,8 +46,8 @@ def test_shares_of_a_quarter_turn_swap_directions():
     superelements, machine = skew_machine()
     home = point_budget(couple(superelements, machine, HOME), "tcp").shares
     turned = point_budget(couple(superelements, orient_machine(machine, quarter), HOME), "tcp").shares
-    assert turned["y"] == pytest.approx(home["x"], rel=1e-8)
-    assert turned["x"] == pytest.approx(home["y"], rel=1e-8)
+    assert turned["y"] == pytest.approx(home["x"], rel=1e-8, abs=1e-12)
+    assert turned["x"] == pytest.approx(home["y"], rel=1e-8, abs=1e-12)
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e4])

@@ -46,13 +46,14 @@ def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
     forces, torques = np.array(found["series"]["leg_force_n"]), np.array(found["series"]["motor_torque_nm"])
-    assert np.allclose(2.0 * np.pi * torques, 0.01 * forces)
+    assert np.allclose(2.0 * np.pi * torques, 0.01 * forces, rtol=1e-12, atol=0.0)
     # the legs hold up 215 kg and themselves, and push against the cut
     assert 500.0 < np.abs(forces).max() < 6000.0
     assert np.allclose(
         found["faces"][0]["leg_force_mean_n"],
         forces[run.times[::1][np.unique(np.linspace(0, len(run.times) - 1, 2000).astype(int))] > 0.6].mean(axis=0),
         rtol=0.1,
+        atol=0.0,
     )
     for picture in ("gap", "legs"):
         assert str(draw_contour(found, picture)).count("<polyline") == 3
