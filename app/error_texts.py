@@ -78,25 +78,30 @@ def show_plain_error(error: float) -> str:
     return f"± {error:.2g}"
 
 
-def response_error_words(response: Json) -> str:
-    """How far the lines of a frequency response may be off by the modes left out; empty where nothing is known."""
+def response_error_words(response: Json) -> list[str]:
+    """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
     found = response.get("error")
     if not found:
-        return ""
-    if found["reduction"] is None:
-        return "no bound of the reduction error: the range lies beyond the cut-off of the modes kept"
-    shares, reach = found["reduction"], found["bounded_to_hz"]
-    words = (
-        f"± from reduction: {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} %"
-        f" at {shares['largest_share_hz']:.4g} Hz; a mesh error is not in it"
-    )
-    return words if reach >= response["to_hz"] else f"{words}; no bound above {reach:.4g} Hz"
+        return []
+    sources = {source: shares for source, shares in found.items() if source != "bounded_to_hz"}
+    if None in sources.values():
+        return ["no bound of the reduction error: the range lies beyond the cut-off of the modes kept"]
+    parts = [
+        f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
+        f"{shares['largest_share_hz']:.4g} Hz"
+        for source, shares in sources.items()
+    ]
+    words = [f"± from {'; '.join(parts)}"]
+    if found["bounded_to_hz"] < response["to_hz"]:
+        words.append(f"no bound above {found['bounded_to_hz']:.4g} Hz")
+    if response.get("error_left_out"):
+        words.append(f"not in ±: {'; '.join(response['error_left_out'])}")
+    return words
 
 
 def print_response_error(console: Console, response: Json) -> None:
     """Print how far a frequency response may be off."""
-    words = response_error_words(response)
-    if words:
+    for words in response_error_words(response):
         console.print(f"  {words}", markup=False)
 
 

@@ -44,8 +44,8 @@ def broken_phase(values: ComplexArray) -> FloatArray:
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: real and imaginary part and error of every entry in SI; empty where there is none."""
-    values, errors = curves.values, curves.value_errors
+    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of each source; empty where there is none."""
+    values, errors, shares = curves.values, curves.value_errors, curves.value_error_share
     headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
@@ -55,5 +55,8 @@ def tabulate_response(curves: ResponseCurves) -> PlainTable:
             if errors is not None:
                 headings.append(f"± {name_entry(output, given)} [{unit}]")
                 columns.append(np.array(errors[:, row, column], dtype=float))
+            for source, share in shares.items():
+                headings.append(f"± {source} {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(share[:, row, column], dtype=float))
     cells = tuple(tuple(None if math.isnan(value) else float(value) for value in row) for row in np.column_stack(columns))
     return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)

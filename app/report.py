@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from headstock.app.console import sort_shares
-from headstock.app.error_texts import error_words, largest_shares
+from headstock.app.error_texts import error_words, largest_shares, response_error_words
 from headstock.app.frf_tables import tabulate_response
 from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
@@ -205,6 +205,7 @@ def report_environment() -> jinja2.Environment:
         "error": show_error_size,
         "error_words": error_words,
         "largest_shares": largest_shares,
+        "response_error_words": response_error_words,
         "entry": show_matrix_entry,
         "share": lambda share: _data(share, percent(share)),
         "top": _top_shares,

@@ -1,63 +1,104 @@
-"""Errors of frequency responses and of what they say about cutting, from the modes that components leave out."""
+"""Errors of frequency responses and of what they say about cutting, from meshes and from the modes that components leave out."""
 
 import dataclasses
-from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.damped_machines import DAMPING
+from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.frf_results import PortFigures
+from headstock.pipeline.machine_errors import name_what_is_left_out
 from headstock.pipeline.run_state import RunState
-from headstock.reduction.frequency_errors import TruncatedPart
-from headstock.reduction.response_errors import ResponseErrors, bound_response_errors
+from headstock.reduction.coupling import CoupledMachine
+from headstock.reduction.frequency_errors import truncated_parts
+from headstock.reduction.mesh_errors import meshed_parts
+from headstock.reduction.response_errors import ResponseErrors, bound_response_errors, soften_response
+from headstock.reduction.response_space import ErrorSources, ResponseSpace, project_response
 from headstock.solvers.frequency_response import BoolArray, FrequencyResponse
 from headstock.solvers.modal_analysis import ModalResult
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.solvers.system_ports import input_columns, output_rows
 
+NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseEstimate:
+    """Errors of a response, and what they were found with.
+
+    Attributes:
+        errors: Changes of every line.
+        space: The machine in its trial space.
+        left_out: What is not in them, in plain words.
+    """
+
+    errors: ResponseErrors
+    space: ResponseSpace
+    left_out: tuple[str, ...]
+
+    @property
+    def shares(self) -> dict[str, FloatArray]:
+        """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no bound."""
+        mesh = {} if self.errors.mesh is None else {DISCRETISATION: np.abs(self.errors.mesh)}
+        return mesh | {REDUCTION: self.errors.bounds}
+
 
 def estimate_response_errors(
-    state: RunState,
-    system: SecondOrderSystem,
-    parts: Mapping[str, TruncatedPart],
-    modes: ModalResult,
-    response: FrequencyResponse,
-) -> ResponseErrors:
-    """Change of every line of a response by the modes left out.
+    state: RunState, system: SecondOrderSystem, coupled: CoupledMachine, modes: ModalResult, response: FrequencyResponse
+) -> ResponseEstimate:
+    """Change of every line of a response by finer meshes and by the modes left out.
 
     Args:
         state: Of the run.
         system: With the damping of the scene.
-        parts: Components that leave modes out.
+        coupled: The machine.
         modes: All undamped modes of the system.
         response: What is judged.
     """
     lossy = DAMPING in state.scene.effects and not state.scene.modal_damping
-    losses = {name: state.plan.components[name].material.loss_factor if lossy else 0.0 for name in parts}
+    truncated, meshed = truncated_parts(coupled), meshed_parts(coupled)
+    names = [name for name in coupled.layout.superelements if lossy and name in truncated.keys() | meshed.keys()]
+    losses = {name: state.plan.components[name].material.loss_factor for name in names}
     ports = (input_columns(system, response.inputs), output_rows(system, response.outputs))
-    return bound_response_errors(system, parts, modes, ports, response.frequencies_hz, loss_factors=losses)
+    space = project_response(system, ErrorSources(truncated, meshed, losses), modes, ports, float(response.frequencies_hz.max()))
+    errors = bound_response_errors(space, response.frequencies_hz)
+    return ResponseEstimate(errors, space, name_what_is_left_out(state, coupled).left_out)
 
 
 def add_figure_errors(
-    figures: tuple[PortFigures, ...], response: FrequencyResponse, errors: ResponseErrors | None
+    figures: tuple[PortFigures, ...], response: FrequencyResponse, estimate: ResponseEstimate | None
 ) -> tuple[PortFigures, ...]:
     """The figures with the change of their most negative real part: a peak that moves keeps its depth."""
-    if errors is None:
+    if estimate is None:
         return figures
     found = []
     for own in figures:
         row, column = response.outputs.index(own.port), response.inputs.index(own.port)
         plain = response.receptance[:, row, column]
-        low, high = (change[:, row, column] for change in (errors.least, errors.most))
+        low, high = (change[:, row, column] for change in (estimate.errors.least, estimate.errors.most))
         bounded = np.isfinite(plain) & np.isfinite(high)
         if own.worst_real is None or own.worst_real_hz is None or not _reaches(response.frequencies_hz, bounded, own.worst_real_hz):
             found.append(own)
             continue
         depths = [_deepest(plain[bounded] + change[bounded]) for change in (np.zeros_like(plain), low, high)]
-        spread = max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0])) + abs(depths[2] - depths[1])
-        found.append(dataclasses.replace(own, worst_real_error=spread))
+        shares = {REDUCTION: max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0])) + abs(depths[2] - depths[1])}
+        if estimate.errors.mesh is not None:
+            softer = _softer_depth(response, estimate, (row, column), own.worst_real_hz)
+            shares = {DISCRETISATION: abs(softer - depths[0])} | shares
+        found.append(dataclasses.replace(own, worst_real_error=sum(shares.values()), worst_real_error_share=shares))
     return tuple(found)
+
+
+def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, entry: tuple[int, int], hz: float) -> float:
+    """Most negative real part with finer meshes; lines are dense where peaks are, so those around the deepest move along with it."""
+    row, column = entry
+    lines, mesh = response.frequencies_hz, estimate.errors.mesh
+    softer = response.receptance[:, row, column] + (0.0 if mesh is None else mesh[:, row, column])
+    near = lines[np.abs(lines - hz) < NEIGHBOURHOOD * hz]
+    moved = soften_response(estimate.space, near * estimate.space.softening(hz))[:, row, column]
+    return min(_deepest(softer[np.isfinite(softer)]), _deepest(moved))
 
 
 def _deepest(values: ComplexArray) -> float:

@@ -1,12 +1,14 @@
 """Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.error_estimates import REDUCTION
 from headstock.pipeline.json_texts import Json
 from headstock.solvers.frequency_response import convert_receptance
 from headstock.solvers.second_order import ComplexArray, Motion, Port
@@ -30,7 +32,8 @@ class PortFigures:
         softest: Smallest dynamic stiffness; None where the response is unbounded.
         softest_hz: Its frequency [Hz].
         softest_mode: Name of the natural mode nearest to it.
-        worst_real_error: How far the most negative real part may be off by the modes left out; None without a bound.
+        worst_real_error: How far the most negative real part may be off; None without a bound.
+        worst_real_error_share: Source of error to its part.
         plain_sum_error: Share of the static compliance that the modes up to the highest frequency miss: what a sum over
             them without static correction would lack.
     """
@@ -45,6 +48,7 @@ class PortFigures:
     softest_mode: str
     plain_sum_error: float | None
     worst_real_error: float | None = None
+    worst_real_error_share: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +63,8 @@ class ResponseCurves:
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.
         spacing: Of the frequency axis.
-        error: ``(n, n_outputs, n_inputs)`` how far the receptance may be off by the modes left out [m/N, ...]; NaN where there is no
-            bound, None where none was sought.
+        error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where
+            there is no bound, empty where none was sought.
     """
 
     pose: str
@@ -70,17 +74,30 @@ class ResponseCurves:
     receptance: ComplexArray
     motion: Motion = "receptance"
     spacing: Spacing = "linear"
-    error: FloatArray | None = None
+    error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def error(self) -> FloatArray | None:
+        """How far the receptance may be off by all sources together; None where none was sought."""
+        return np.asarray(np.sum(list(self.error_share.values()), axis=0)) if self.error_share else None
 
     @property
     def value_errors(self) -> FloatArray | None:
         """The error in terms of what is tabled and drawn."""
-        return None if self.error is None else np.abs(convert_receptance(self.error + 0j, self.frequencies_hz, self.motion))
+        return None if self.error is None else self._convert(self.error)
+
+    @property
+    def value_error_share(self) -> dict[str, FloatArray]:
+        """Its part by source."""
+        return {source: self._convert(error) for source, error in self.error_share.items()}
 
     @property
     def values(self) -> ComplexArray:
         """Receptance, mobility or accelerance ``(n, n_outputs, n_inputs)``."""
         return convert_receptance(self.receptance, self.frequencies_hz, self.motion)
+
+    def _convert(self, error: FloatArray) -> FloatArray:
+        return np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +111,7 @@ class PoseResponse:
         free_body: Entries without a value at 0 Hz, as ``output / input``.
         singular_hz: Frequencies on the pole of an undamped mode.
         figures: Of every port that is input and output.
+        error_left_out: What is not in the errors, in plain words.
     """
 
     curves: ResponseCurves
@@ -102,6 +120,7 @@ class PoseResponse:
     free_body: tuple[str, ...]
     singular_hz: tuple[float, ...]
     figures: tuple[PortFigures, ...]
+    error_left_out: tuple[str, ...] = ()
 
 
 def summarise_response(response: PoseResponse) -> Json:
@@ -119,6 +138,7 @@ def summarise_response(response: PoseResponse) -> Json:
         "free_body": list(response.free_body),
         "singular_hz": list(response.singular_hz),
         "error": _summarise_error(curves),
+        "error_left_out": list(response.error_left_out),
         "ports": [_summarise_port(figures) for figures in response.figures],
     }
 
@@ -129,6 +149,8 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
     group["receptance"] = curves.receptance
     if curves.error is not None:
         group["error"] = curves.error
+        for source, share in curves.error_share.items():
+            group[f"error_share/{source}"] = share
     group.attrs["motion"], group.attrs["spacing"] = curves.motion, curves.spacing
     for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
         group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
@@ -150,8 +172,15 @@ def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
         group["receptance"][:],
         given["motion"],
         given["spacing"],
-        group["error"][:] if "error" in group else None,
+        _parse_errors(group),
     )
+
+
+def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
+    if "error_share" in group:
+        return {source: share[:] for source, share in group["error_share"].items()}
+    # files of before meshes had a part in it
+    return {REDUCTION: group["error"][:]} if "error" in group else {}
 
 
 def split_port(text: str) -> Port:
@@ -172,6 +201,7 @@ def _summarise_port(figures: PortFigures) -> Json:
         f"chatter_stiffness_{names[1]}": _scaled(figures.chatter_stiffness, stiff),
         f"softest_{names[1]}": _scaled(figures.softest, stiff),
         f"worst_real_error_{names[0]}": _scaled(figures.worst_real_error, soft),
+        "worst_real_error_share": {source: soft * size for source, size in figures.worst_real_error_share.items()},
         "softest_hz": figures.softest_hz,
         "softest_mode": figures.softest_mode,
         "plain_sum_error": figures.plain_sum_error,
@@ -179,22 +209,22 @@ def _summarise_port(figures: PortFigures) -> Json:
 
 
 def _summarise_error(curves: ResponseCurves) -> Json | None:
-    """Largest and median error over the largest entry of the same line, and how far up there is a bound."""
+    """Largest and median error by source over the largest entry of the same line, and how far up there is a bound."""
     if curves.error is None:
         return None
     bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(axis=(1, 2))
     if not bounded.any():
-        return {"reduction": None, "bounded_to_hz": 0.0}
-    shares = curves.error[bounded].max(axis=(1, 2)) / np.abs(curves.receptance[bounded]).max(axis=(1, 2))
-    lines = curves.frequencies_hz[bounded]
-    return {
-        "reduction": {
+        return dict.fromkeys(curves.error_share, None) | {"bounded_to_hz": 0.0}
+    lines, sizes = curves.frequencies_hz[bounded], np.abs(curves.receptance[bounded]).max(axis=(1, 2))
+    found: Json = {}
+    for source, error in curves.error_share.items():
+        shares = error[bounded].max(axis=(1, 2)) / sizes
+        found[source] = {
             "median_share": float(np.median(shares)),
             "largest_share": float(shares.max()),
             "largest_share_hz": float(lines[int(np.argmax(shares))]),
-        },
-        "bounded_to_hz": float(lines[-1]),
-    }
+        }
+    return found | {"bounded_to_hz": float(lines[-1])}
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

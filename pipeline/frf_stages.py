@@ -1,7 +1,7 @@
 """The frequency response stage. Only rank 0 has anything to do."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from headstock.pipeline.frf_errors import add_figure_errors, estimate_response_e
 from headstock.pipeline.frf_results import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
-from headstock.reduction.frequency_errors import TruncatedPart, truncated_parts
+from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.frequency_grid import UNDAMPED, refine_grid
 from headstock.solvers.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, prepare_frf
@@ -31,8 +31,7 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     coupled = state.coupled
     if coupled is None:
         raise ValueError("a frequency response needs a coupled machine before it")
-    parts = truncated_parts(coupled)
-    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names, parts)
+    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names, coupled)
 
 
 def respond(
@@ -40,7 +39,7 @@ def respond(
     stage: Stage,
     bare: SecondOrderSystem,
     name_shapes: Callable[[ModalResult], tuple[str, ...]],
-    parts: Mapping[str, TruncatedPart] | None = None,
+    coupled: CoupledMachine | None = None,
 ) -> Outcome:
     """Frequency response of a system with the damping of the scene.
 
@@ -49,7 +48,7 @@ def respond(
         stage: With its pose.
         bare: The system as coupled.
         name_shapes: What its natural modes are called.
-        parts: Its components that leave modes out; None where the system is no reduced finite element model.
+        coupled: The machine whose errors are wanted; None for none.
     """
     request, pose = state.scene.analyses.frf, stage.pose
     if request is None or pose is None:
@@ -67,7 +66,7 @@ def respond(
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
     figures = find_stability_figures(model, response) if bounded else ()
-    errors = None if parts is None else estimate_response_errors(state, system, parts, modes, response)
+    estimate = None if coupled is None else estimate_response_errors(state, system, coupled, modes, response)
     near = _modes_up_to(modes, NAMED_MARGIN * request.to_hz)
     found = PoseResponse(
         curves=ResponseCurves(
@@ -78,15 +77,16 @@ def respond(
             response.receptance,
             request.motion,
             request.spacing,
-            None if errors is None else errors.bounds,
+            {} if estimate is None else estimate.shares,
         ),
         method=response.method,
         damped=damped,
         free_body=_name_entries(response),
         singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
         figures=add_figure_errors(
-            _port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))), response, errors
+            _port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))), response, estimate
         ),
+        error_left_out=() if estimate is None else estimate.left_out,
     )
     state.responses.append(found)
     return Outcome(detail=f"{len(response.frequencies_hz)} frequencies, {response.method}")

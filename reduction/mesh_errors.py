@@ -1,11 +1,35 @@
 """What the meshes of the components make of the error of a coupled machine's frequencies and compliances."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import turn_dofs
 from headstock.solvers.modal_analysis import ModalResult
+
+
+@dataclass(frozen=True, eq=False)
+class MeshedPart:
+    """A component with an estimate of its mesh, and its dofs in terms of the machine's coordinates.
+
+    Attributes:
+        energy: ``(n_c, n_c)`` products of the energies that its mesh misses.
+        rows: ``(n_c, n)``.
+    """
+
+    energy: FloatArray
+    rows: FloatArray
+
+
+def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
+    """The components of a machine whose mesh has an estimate."""
+    return {
+        name: MeshedPart(part.missing_energy, turn_dofs(part, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]])
+        for name, part in coupled.layout.superelements.items()
+        if part.missing_energy is not None
+    }
 
 
 def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
@@ -18,13 +42,8 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
     Returns:
         Component to ``(m, m)``; components without an estimate are left out.
     """
-    stacked = coupled.basis @ motions
-    found = {}
-    for name, superelement in coupled.layout.superelements.items():
-        if superelement.missing_energy is not None:
-            own = turn_dofs(superelement, coupled.placements[name]) @ stacked[coupled.offsets[name]]
-            found[name] = own.T @ superelement.missing_energy @ own
-    return found
+    seen = {name: (part.energy, part.rows @ motions) for name, part in meshed_parts(coupled).items()}
+    return {name: own.T @ energy @ own for name, (energy, own) in seen.items()}
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:

@@ -1,135 +1,87 @@
-"""How far the frequency response of a reduced machine is from that with every mode kept."""
+"""How far the frequency response of a reduced machine is from that of finer meshes with every mode kept."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from headstock.geometry.frames import FloatArray
-from headstock.reduction.frequency_errors import TruncatedPart, new_directions
-from headstock.solvers.modal_analysis import ModalResult
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.reduction.response_space import ResponseSpace
+from headstock.solvers.second_order import ComplexArray
 
-REACH = 2.0  # times the highest frequency: modes of the trial space; static responses stand for those above
 CHUNK = 256  # frequencies at a time
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseErrors:
-    """What the modes left out change of a receptance, as two estimates between which it lies as a rule.
+    """What the modes left out and finer meshes change of a receptance, each on its own.
 
     Attributes:
-        least: ``(n_freq, n_outputs, n_inputs)`` change by the least they can add; NaN where there is no bound.
-        most: The same by the most they can add.
+        least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can add; NaN where there is no bound.
+        most: The same by the most they can add; the truth lies between both as a rule.
+        mesh: The same by finer meshes, an estimate; None where no mesh has one.
     """
 
     least: ComplexArray
     most: ComplexArray
+    mesh: ComplexArray | None = None
 
     @property
     def bounds(self) -> FloatArray:
-        """Size of the error ``(n_freq, n_outputs, n_inputs)``: the larger change and the distance between both."""
+        """Error by the modes left out ``(n_freq, n_outputs, n_inputs)``: the larger change and the distance between both."""
         return np.asarray(np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least))
 
 
-def bound_response_errors(
-    system: SecondOrderSystem,
-    parts: Mapping[str, TruncatedPart],
-    modes: ModalResult,
-    ports: tuple[FloatArray, FloatArray],
-    frequencies_hz: FloatArray,
-    *,
-    loss_factors: Mapping[str, float],
-) -> ResponseErrors:
-    """Change of a frequency response by the modes that components leave out.
+def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> ResponseErrors:
+    """Change of a frequency response by the modes that components leave out, and by finer meshes.
 
-    The dynamic stiffness loses ``lambda^2 R(lambda)`` (see ``bound_frequency_errors``); a loss factor eta of a component divides
-    its ``omega_k^2`` by ``1 / (1 + i eta)``. Both responses are computed in the space of the machine's modes up to ``REACH`` times the
-    highest frequency, of the static responses to the loads and at the outputs, and of the first corrections of the modes.
+    Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see ``bound_frequency_errors``); a loss factor eta of a
+    component divides its ``omega_k^2`` by ``1 / (1 + i eta)``. Finer meshes take the energy that the present ones miss from the
+    stiffness, times ``1 + i eta``: to first order the response between two ports then changes by the energy product of the errors of
+    the responses to both.
 
     Args:
-        system: The coupled machine with its damping.
-        parts: Its components that leave modes out.
-        modes: All its undamped modes.
-        ports: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
+        space: The machine in its trial space.
         frequencies_hz: ``(n_freq,)``.
-        loss_factors: By component, where they act in the system.
 
     Source: Leung (1978) for the condensed dynamic stiffness; Jakobsson, Bengzon and Larson (2012, arXiv:1206.5479) estimate the same
-        error by a dual problem.
+        error by a dual problem. Prudhomme and Oden (1999), Comput. Methods Appl. Mech. Engrg. 176, 313-331, for a quantity's error as a
+        product of two errors.
     """
-    loads, rows = ports
-    shape = (len(frequencies_hz), len(rows), loads.shape[1])
+    squares, inputs = (2.0 * np.pi * frequencies_hz) ** 2, space.loads.shape[1]
+    shape = (len(squares), len(space.rows), inputs)
     least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
-    if not parts:
-        return ResponseErrors(least, most)
-    space = _trial_space(system, parts, modes, np.hstack([loads, rows.T]), float(frequencies_hz.max()))
-    pushes = np.hstack([space.T @ loads, space.T @ rows.T]).astype(complex)
-    inner = _Projection(system, parts, space, loss_factors)
-    squares = (2.0 * np.pi * frequencies_hz) ** 2
-    limit = min(part.truncation.limit for part in parts.values())
-    least[squares >= limit] = most[squares >= limit] = np.nan
-    inside = np.flatnonzero((squares > 0.0) & (squares < limit))
-    for start in range(0, len(inside), CHUNK):
-        lines = inside[start : start + CHUNK]
-        dynamic, (low, high) = inner.dynamic_stiffness(squares[lines]), inner.participations(squares[lines])
-        plain = (rows @ space) @ np.linalg.solve(dynamic, pushes[:, : loads.shape[1]])
-        moved = np.linalg.solve(dynamic - high, pushes)
-        given, seen = moved[:, :, : loads.shape[1]], moved[:, :, loads.shape[1] :]
-        most[lines] = (rows @ space) @ given - plain
-        # from the most to the least it is a small step, taken to first order: a third factorisation would cost half as much again
-        least[lines] = most[lines] - seen.transpose(0, 2, 1) @ ((high - low) @ given)
-    return ResponseErrors(least, most)
+    mesh = np.zeros(shape, dtype=complex) if space.sources.meshed else None
+    beyond = squares >= space.limit
+    least[beyond] = most[beyond] = np.nan
+    for start in range(0, len(squares), CHUNK):
+        lines = np.arange(start, min(start + CHUNK, len(squares)))
+        if not (space.sources.truncated or space.sources.meshed):
+            break
+        dynamic = space.dynamic_stiffness(squares[lines])
+        plain = space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex))
+        if mesh is not None:
+            mesh[lines] = soften_response(space, frequencies_hz[lines]) - plain
+        inside = (squares[lines] > 0.0) & ~beyond[lines]
+        if space.sources.truncated and inside.any():
+            kept = lines[inside]
+            least[kept], most[kept] = _add_modes(space, squares[kept], dynamic[inside], plain[inside])
+    return ResponseErrors(least, most, mesh)
 
 
-class _Projection:
-    """A damped system and what its components leave out, in a trial space."""
-
-    def __init__(
-        self, system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], space: FloatArray, loss_factors: Mapping[str, float]
-    ) -> None:
-        self._stiffness: ComplexArray = (space.T @ system.stiffness @ space).astype(complex)
-        if system.hysteretic is not None:
-            self._stiffness += 1j * (space.T @ system.hysteretic @ space)
-        self._mass = space.T @ system.mass @ space
-        self._damping = None if system.damping is None else space.T @ system.damping @ space
-        self._moments = []
-        for name, part in parts.items():
-            seen, moments = part.rows @ space, part.truncation
-            first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
-            self._moments.append((first, second, moments.limit, 1.0 + 1j * loss_factors.get(name, 0.0)))
-
-    def dynamic_stiffness(self, squares: FloatArray) -> ComplexArray:
-        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``."""
-        dynamic: ComplexArray = self._stiffness - squares[:, None, None] * self._mass
-        if self._damping is not None:
-            dynamic = dynamic + 1j * np.sqrt(squares)[:, None, None] * self._damping
-        return dynamic
-
-    def participations(self, squares: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``."""
-        shape = (len(squares), *self._mass.shape)
-        least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
-        column = squares[:, None, None]
-        for first, second, limit, lossy in self._moments:
-            least += column**2 / lossy * (first + column / lossy * second)
-            most += column**2 / lossy * (first + column / lossy / (1.0 - column / limit) * second)
-        return least, most
+def soften_response(space: ResponseSpace, frequencies_hz: FloatArray) -> ComplexArray:
+    """Receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by their estimates."""
+    dynamic = space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, softened=True)
+    return np.asarray(space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex)))
 
 
-def _trial_space(
-    system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult, pushes: FloatArray, highest_hz: float
-) -> FloatArray:
-    """M-orthonormal directions ``(n, m)`` in which the response and its change are sought."""
-    count = max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")))
-    shapes = modes.shapes[:, :count]
-    elastic = modes.frequencies_hz[modes.rigid_count :]
-    shift = (2.0 * np.pi * float(elastic[0])) ** 2 if modes.rigid_count and len(elastic) else 0.0
-    near = shapes[:, : max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")))]
-    pushed = np.sum([part.rows.T @ (part.truncation.first @ (part.rows @ near)) for part in parts.values()], axis=0)
-    try:
-        factor = cho_factor(system.stiffness + shift * system.mass)
-    except np.linalg.LinAlgError:
-        return shapes
-    return np.hstack([shapes, new_directions(cho_solve(factor, np.hstack([pushes, pushed])), shapes, system.mass)])
+def _add_modes(
+    space: ResponseSpace, squares: FloatArray, dynamic: ComplexArray, plain: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Changes by the least and by the most that the modes left out can add."""
+    inputs = space.loads.shape[1]
+    low, high = space.participations(squares)
+    moved = np.linalg.solve(dynamic - high, np.hstack([space.loads, space.rows.T]).astype(complex))
+    given, seen = moved[:, :, :inputs], moved[:, :, inputs:]
+    most = space.rows @ given - plain
+    # from the most to the least it is a small step, taken to first order: one more factorisation would cost half as much again
+    return most - seen.transpose(0, 2, 1) @ ((high - low) @ given), most

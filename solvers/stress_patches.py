@@ -99,7 +99,7 @@ def _fit_operators(offsets: FloatArray, real: FloatArray, points: FloatArray, we
     table = table.transpose(1, 2, 0)
     turn = _orthonormal_terms(np.matmul(table.swapaxes(1, 2), table))
     ends = (_monomials(points / sizes, powers) * weights).transpose(1, 2, 0)
-    return np.matmul(np.matmul(ends, turn), np.matmul(table, turn).swapaxes(1, 2)).astype(np.float32)
+    return np.asarray(np.matmul(np.matmul(ends, turn), np.matmul(table, turn).swapaxes(1, 2)), dtype=np.float32)
 
 
 def _orthonormal_terms(normal: FloatArray) -> FloatArray:
@@ -132,9 +132,9 @@ def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
     """``(n_monomials, ...)`` at places ``(..., 3)``."""
     ladder = [np.ones_like(places), places, places * places]
     result = np.empty((len(powers), *places.shape[:-1]))
-    for row, power in enumerate(powers):
-        np.multiply(ladder[power[0]][..., 0], ladder[power[1]][..., 1], out=result[row])
-        result[row] *= ladder[power[2]][..., 2]
+    for row, (a, b, c) in enumerate(powers.tolist()):
+        np.multiply(ladder[a][..., 0], ladder[b][..., 1], out=result[row])
+        result[row] *= ladder[c][..., 2]
     return result
 
 

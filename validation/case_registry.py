@@ -45,6 +45,7 @@ from headstock.validation.mechanism_time_cases import (
     check_integration_orders,
     check_million_steps,
 )
+from headstock.validation.mesh_response_cases import check_mesh_response_estimates
 from headstock.validation.modal_benchmarks import (
     check_block,
     check_deep_beam,
@@ -125,6 +126,12 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", "free column with averaging faces", check_mean_truncation),
     Case("rigid-body-content", "reduction", "rigid-body frequencies, mass, centre and inertia", check_rigid_body_content),
     Case("mesh-estimates", "estimates", "± of meshes against a fine mesh", check_mesh_estimates),
+    Case(
+        "mesh-estimates-response",
+        "estimates",
+        "± of meshes in frequency responses against fine meshes",
+        check_mesh_response_estimates,
+    ),
     Case(
         "beam-accuracy",
         "accuracy",

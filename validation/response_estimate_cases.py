@@ -10,6 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling import couple
 from headstock.reduction.frequency_errors import truncated_parts
 from headstock.reduction.response_errors import bound_response_errors
+from headstock.reduction.response_space import ErrorSources, project_response
 from headstock.solvers.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.solvers.second_order import ComplexArray, Port
@@ -76,8 +77,8 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
         lossy = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness)
         found = evaluate_frf(prepare_frf(lossy, inputs=PORTS, outputs=PORTS, modes=modes), places).receptance
         ports = (input_columns(lossy, PORTS), output_rows(lossy, PORTS))
-        losses = dict.fromkeys(parts, LOSS_FACTOR)
-        errors = bound_response_errors(lossy, truncated_parts(coupled), modes, ports, places, loss_factors=losses)
+        sources = ErrorSources(truncated_parts(coupled), loss_factors=dict.fromkeys(parts, LOSS_FACTOR))
+        errors = bound_response_errors(project_response(lossy, sources, modes, ports, float(places.max())), places)
         pairs.append(ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel()))
     return join_pairs(pairs)
 

@@ -8,6 +8,7 @@ import pytest
 from headstock.reduction.coupling import couple
 from headstock.reduction.frequency_errors import truncated_parts
 from headstock.reduction.response_errors import bound_response_errors
+from headstock.reduction.response_space import ErrorSources, project_response
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.solvers.system_ports import input_columns, output_rows
 from headstock.validation.estimate_cases import RESOLVED, compare_frequencies, reduce_specimen, reference_frequencies
@@ -34,7 +35,8 @@ def respond(specimen, counts, hz):
     modes = solve_modal(coupled.system)
     system = dataclasses.replace(coupled.system, damping=None)
     ports = (input_columns(system, PORTS), output_rows(system, PORTS))
-    return coupled, bound_response_errors(system, truncated_parts(coupled), modes, ports, np.array(hz), loss_factors={})
+    space = project_response(system, ErrorSources(truncated_parts(coupled)), modes, ports, max(hz))
+    return coupled, bound_response_errors(space, np.array(hz))
 
 
 def test_at_rest_nothing_is_off_and_beyond_the_modes_there_is_no_bound(pair) -> None:

@@ -1,0 +1,104 @@
+"""Estimates of what a mesh does to frequency responses: against dense solves of the softened machine, and against a finer mesh."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.stats import spearmanr
+
+from headstock.geometry.joints import Joint, JointEnd
+from headstock.geometry.machines import Machine, Point, Pose
+from headstock.reduction.compliance_budget import point_budget
+from headstock.reduction.coupling import couple
+from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
+from headstock.reduction.response_errors import bound_response_errors, soften_response
+from headstock.reduction.response_space import ErrorSources, project_response
+from headstock.solvers.block_lanczos import ModeTarget
+from headstock.solvers.frequency_response import solve_frf
+from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.system_ports import input_columns, output_rows
+
+SIZE = (0.04, 0.1, 0.4)
+LOSS = 0.03
+PORTS = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
+FINE = ("hex27", (3, 8, 26))
+COARSE = [("hex27", (1, 1, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("hex8", (2, 4, 12))]
+
+
+@pytest.fixture(scope="module")
+def column(make_box, make_component):
+    """Reduce and couple a column on a structured mesh, clamped at its foot or free."""
+    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
+    clamp = Joint("clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))
+    points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))}
+
+    def coupled(kind, counts, *, held=True):
+        mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
+        element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
+        machine = Machine("column", {"body": component}, {"clamp": clamp} if held else {}, points=points)
+        return couple({"body": element}, machine, Pose("reference"))
+
+    return coupled
+
+
+def judged(coupled, hz):
+    """The lossy system and its trial space for lines up to a frequency."""
+    system = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness)
+    sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"body": LOSS})
+    modes = solve_modal(coupled.system)
+    return system, project_response(system, sources, modes, (input_columns(system, PORTS), output_rows(system, PORTS)), max(hz))
+
+
+def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energy(column):
+    coupled = column("tet10", (1, 2, 6))
+    first = float(solve_modal(coupled.system, count=1).frequencies_hz[0])
+    lines = first * np.array([0.3, 0.99, 1.0, 1.5, 4.0])
+    system, space = judged(coupled, lines)
+    missing = sum(part.rows.T @ part.energy @ part.rows for part in meshed_parts(coupled).values())
+    softer = dataclasses.replace(system, stiffness=system.stiffness - missing, hysteretic=system.hysteretic - LOSS * missing)
+    whole = solve_frf(softer, lines, inputs=PORTS, outputs=PORTS).receptance
+    plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+    np.testing.assert_allclose(soften_response(space, lines), whole, atol=2e-2 * np.abs(whole - plain).max())
+    np.testing.assert_allclose(bound_response_errors(space, lines).mesh, whole - plain, atol=2e-2 * np.abs(whole - plain).max())
+    dropped = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=1))["body"][0]
+    assert 1.0 - space.softening(first) == pytest.approx(dropped / first, rel=0.05)
+
+
+def test_at_rest_it_is_the_estimate_of_the_static_compliance(column):
+    coupled = column("hex27", (1, 1, 3))
+    _, space = judged(coupled, [100.0])
+    found = bound_response_errors(space, np.array([0.0]))
+    assert not found.bounds.any()
+    static = compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"][:3, :3]
+    np.testing.assert_allclose(np.diag(found.mesh[0]), np.diag(static), rtol=0.1)
+    assert not found.mesh.imag.any()
+
+
+def test_a_free_machine_has_a_finite_error_on_every_line(column):
+    coupled = column("tet10", (1, 2, 6), held=False)
+    lines = np.array([0.0, 1.0, 500.0])
+    _, space = judged(coupled, lines)
+    mesh = bound_response_errors(space, lines).mesh
+    assert np.isfinite(mesh).all()
+    # next to nothing strains a free column that is pushed slowly: its error is that of inertia relief, whatever the rigid motion
+    np.testing.assert_allclose(mesh[1], mesh[0], atol=0.1 * np.abs(mesh[0]).max())
+
+
+def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the_true_errors_do(column):
+    exact = column(*FINE)
+    first, second = solve_modal(exact.system, count=2).frequencies_hz
+    lines = np.array([0.0, 0.5 * first, first, 1.02 * first, 0.5 * (first + second), second, 3.0 * second])
+    right = solve_frf(judged(exact, lines)[0], lines, inputs=PORTS, outputs=PORTS).receptance
+    sizes = np.abs(right).max(axis=(1, 2))[:, None]
+    true, found = [], []
+    for kind, counts in COARSE:
+        system, space = judged(column(kind, counts), lines)
+        plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+        true.append(np.abs(np.diagonal(plain - right, axis1=1, axis2=2)) / sizes)
+        found.append(np.abs(np.diagonal(bound_response_errors(space, lines).mesh, axis1=1, axis2=2)) / sizes)
+    ratios = (np.array(found) / np.array(true)).ravel()
+    assert 1.0 / 3.0 < np.median(ratios) < 3.0
+    assert ((ratios > 1.0 / 3.0) & (ratios < 3.0)).mean() > 0.8
+    assert spearmanr(np.ravel(found), np.ravel(true)).statistic > 0.9
