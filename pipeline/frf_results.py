@@ -97,7 +97,7 @@ class ResponseCurves:
         return convert_receptance(self.receptance, self.frequencies_hz, self.motion)
 
     def _convert(self, error: FloatArray) -> FloatArray:
-        return np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion))
+        return np.asarray(np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion)), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,13 +95,14 @@ def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSe
     places = np.array([0.0, *(start + share * width for start, width, share in ends)])
     right = _respond(exact, places)
     sizes = np.abs(right.lines.receptance).max(axis=(1, 2), keepdims=True)
-    lines, depths = [], []
+    lines, direct, depths = [], [], []
     for mesh in meshes:
         found = _respond(_reduced(machine, mesh), places)
-        true = np.abs(found.lines.receptance - right.lines.receptance)
-        lines.append(ErrorPairs((true / sizes).ravel(), (found.changes / sizes).ravel()))
+        pair = np.abs(found.lines.receptance - right.lines.receptance) / sizes, found.changes / sizes
+        lines.append(ErrorPairs(pair[0].ravel(), pair[1].ravel()))
+        direct.append(ErrorPairs(*(np.diagonal(each, axis1=1, axis2=2).ravel() for each in pair)))
         depths.append(ErrorPairs(np.abs(found.depths / right.depths - 1.0), np.abs(found.depth_errors / right.depths)))
-    return {"lines": join_pairs(lines), "most negative real part": join_pairs(depths)}
+    return {"lines": join_pairs(lines), "lines along the load": join_pairs(direct), "most negative real part": join_pairs(depths)}
 
 
 def _cantilever() -> Machine:
