@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
@@ -59,12 +60,12 @@ def _draw_panel(axes: Axes, points: Sequence[CostPoint], cost: str, labels: dict
         axes.plot(*_places(own, cost), color=color, marker=mark, markersize=4.5, linewidth=0.9, label=label, **style)
     _mark_automatic(axes, [point for point in points if point.automatic], cost)
     low, high = axes.get_xlim()
-    if high < 10.0 * low:
+    if high < 30.0 * low:
         _label_between(axes)
 
 
 def _label_between(axes: Axes) -> None:
-    """Ticks within a decade, where there would be one at most."""
+    """Ticks between decades, where there would be one or two at most."""
     axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 5.0)))
     axes.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.tick_params(axis="x", which="minor", labelsize=8, colors=INK, length=0)
@@ -78,7 +79,9 @@ def _mark_automatic(axes: Axes, points: Sequence[CostPoint], cost: str) -> None:
     for point in points:
         asked = point.row.record.summary["accuracy"]["asked"]
         place = (read_cost(point, cost), max(point.error, SMALLEST))
-        axes.annotate(f"{100.0 * asked:g} %", place, xytext=(8, 4), textcoords="offset points", fontsize=8, color=INK, zorder=6)
+        halo = [withStroke(linewidth=2.5, foreground="white")]
+        below: dict[str, Any] = {"xytext": (-8, -9), "textcoords": "offset points", "ha": "right"}
+        axes.annotate(f"{100.0 * asked:g} %", place, fontsize=8, color=INK, zorder=6, path_effects=halo, **below)
 
 
 def _places(points: Sequence[CostPoint], cost: str) -> tuple[list[float], list[float]]:
