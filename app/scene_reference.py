@@ -61,15 +61,20 @@ def _table_of(rule: Json) -> str | None:
     """Name of the table a key holds, in whatever wrapping."""
     if "$ref" in rule:
         return str(rule["$ref"]).rsplit("/", 1)[-1]
-    for inner in (*rule.get("anyOf", ()), rule.get("additionalProperties"), rule.get("items")):
+    for inner in (*_options(rule), rule.get("additionalProperties"), rule.get("items")):
         if isinstance(inner, dict) and (found := _table_of(inner)):
             return found
     return None
 
 
+def _options(rule: Json) -> list[Json]:
+    """What a value may be one of."""
+    return [*rule.get("anyOf", ()), *rule.get("oneOf", ())]
+
+
 def _describe_value(rule: Json) -> str:
-    if "anyOf" in rule:
-        return " or ".join(_describe_value(option) for option in rule["anyOf"] if option.get("type") != "null")
+    if _options(rule):
+        return " or ".join(_describe_value(option) for option in _options(rule) if option.get("type") != "null")
     if "$ref" in rule:
         return "table"
     if "enum" in rule:

@@ -1,6 +1,7 @@
 """Runs a meshing job in a child process with a time and a memory limit."""
 
 import dataclasses
+import errno
 import math
 import os
 import signal
@@ -24,6 +25,7 @@ READING_BYTES = 640 << 20
 READING_FACTOR = 100
 READING_SECONDS = 8
 READING_SECONDS_PER_MB = 1.0
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def run_job(job: MeshJob, *, what: str, time_limit: float) -> MeshData:
@@ -35,7 +37,7 @@ def run_job(job: MeshJob, *, what: str, time_limit: float) -> MeshData:
         time_limit: Seconds after which the child is killed.
 
     Raises:
-        MeshError: The child refused the job, ran out of time or memory, or crashed.
+        MeshError: The child refused the job, ran out of time, memory or room on the disk, or crashed.
     """
     worker = GMSH_WORKER
     # the CPU limit also ends a child that nobody waits for
@@ -72,7 +74,7 @@ def run_job(job: MeshJob, *, what: str, time_limit: float) -> MeshData:
         if done.returncode == 0:
             result.seek(0)
             return read_data(result)
-        raise MeshError(f"{what}: {_explain(done, job)}")
+        raise _failure(done, job, what)
 
 
 def _limit_reading(job: MeshJob, path: Path) -> MeshJob:
@@ -85,6 +87,15 @@ def _limit_reading(job: MeshJob, path: Path) -> MeshJob:
         memory_bytes=min(job.memory_bytes, READING_BYTES + READING_FACTOR * size),
         cpu_seconds=min(job.cpu_seconds, math.ceil(READING_SECONDS + READING_SECONDS_PER_MB * size / 1e6)),
     )
+
+
+def _failure(done: subprocess.CompletedProcess[str], job: MeshJob, what: str) -> MeshError:
+    """Why a child failed; a disk without room is the cause of the error, so that nobody takes it for a fault of the mesh."""
+    for lost in (code for code in NO_ROOM if os.strerror(code) in done.stderr):
+        error = MeshError(f"{what}: the mesh could not be written: {os.strerror(lost)}; make room in {tempfile.gettempdir()}")
+        error.__cause__ = OSError(lost, os.strerror(lost))
+        return error
+    return MeshError(f"{what}: {_explain(done, job)}")
 
 
 def _explain(done: subprocess.CompletedProcess[str], job: MeshJob) -> str:

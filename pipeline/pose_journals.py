@@ -44,8 +44,12 @@ class PoseJournal:
         try:
             self._path.parent.mkdir(exist_ok=True)
             self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            self._lock()
-            self._begin(key)
+            try:
+                self._lock()
+                self._begin(key)
+            except (OSError, OutputError):
+                os.close(self._handle)
+                raise
         except OSError as error:
             raise OutputError(f"{self._path} cannot be written: {error.strerror or error}") from error
 
@@ -81,7 +85,6 @@ class PoseJournal:
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            os.close(self._handle)
             raise OutputError(
                 f"another process writes {self._path}; wait until it ends, or name another folder with -o DIR"
             ) from None
@@ -93,7 +96,10 @@ class PoseJournal:
         content = self._path.read_bytes()
         if not content.startswith(_head(key)):
             os.ftruncate(self._handle, 0)
-            os.write(self._handle, _head(key))
+            if os.write(self._handle, _head(key)) != len(_head(key)):
+                # records behind half a head would be lost
+                os.ftruncate(self._handle, 0)
+                raise OSError("the disk is full")
             return
         whole = len(_head(key)) + sum(_RECORD.size + len(record) for record in _records(content, key))
         if whole < len(content):

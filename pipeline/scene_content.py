@@ -1,4 +1,4 @@
-"""What results of a scene depend on besides its text: this program's packages and the files that solids are read from."""
+"""What results of a scene depend on besides its text: this program's packages, the files of its solids and its measured forces."""
 
 import hashlib
 from collections.abc import Iterator
@@ -16,8 +16,16 @@ FILE_KEYS = ("step", "mesh", "superelement")
 
 
 def file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
-    """Files that solids are read from and their SHA-256."""
-    for component in raw.get("components", {}).values():
-        for name in (component["solid"][key] for key in FILE_KEYS if key in component.get("solid", {})):
-            with (folder / name).open("rb") as file:
-                yield name, hashlib.file_digest(file, "sha256").hexdigest()
+    """Files that solids and measured forces are read from and their SHA-256."""
+    names = [
+        component["solid"][key]
+        for component in raw.get("components", {}).values()
+        for key in FILE_KEYS
+        if key in component.get("solid", {})
+    ]
+    contouring = raw.get("analyses", {}).get("contouring")
+    if isinstance(contouring, dict) and "forces" in contouring:
+        names.append(contouring["forces"])
+    for name in names:
+        with (folder / name).open("rb") as file:
+            yield name, hashlib.file_digest(file, "sha256").hexdigest()

@@ -14,6 +14,8 @@ from headstock.pipeline.machine_builder import build_machine, build_poses
 from headstock.pipeline.mechanism_builder import build_contouring, build_map, build_mechanism
 from headstock.pipeline.mechanism_checks import check_mechanism
 from headstock.pipeline.path_checks import build_path, check_path, check_path_carriages
+from headstock.pipeline.path_file_checks import read_sweep_paths
+from headstock.pipeline.path_files import AxisPath
 from headstock.pipeline.rail_checks import check_carriages
 from headstock.pipeline.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.pipeline.scene_checks import check_physics
@@ -25,7 +27,7 @@ from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.scene_validation import validate_tables
 from headstock.pipeline.schema_path import PathTable
 from headstock.pipeline.study_builder import build_study
-from headstock.pipeline.sweep_builder import build_sweep, check_sweeps
+from headstock.pipeline.sweep_builder import axis_units, build_sweep, check_sweeps
 from headstock.solvers.path_figures import LowPass
 from headstock.solvers.second_order import Port
 from headstock.solvers.set_points import Ramp, SetPoint
@@ -55,6 +57,7 @@ def load_scene(
     apply_settings(raw, overrides, findings)
     apply_values(raw, values or {}, findings)
     table = validate_tables(raw, findings)
+    paths: dict[str, AxisPath] = {}
     if table is not None:
         complete = not findings.problems
         check_references(table, raw, findings)
@@ -62,12 +65,16 @@ def load_scene(
         if complete:
             check_drives(table, findings)
         check_mechanism(table, path.parent, findings, complete=complete)
-        check_sweeps(table, findings)
+        paths = read_sweep_paths(table, axis_units(table), path.parent, findings)
+        check_sweeps(table, paths, findings)
         check_path(table, findings)
     findings.raise_if_any()
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
-    scene = _build_scene(table, raw, path, findings.warnings, variant)
+    scene = dataclasses.replace(
+        _build_scene(table, raw, path, findings.warnings, variant),
+        sweeps={name: build_sweep(name, table, paths) for name in table.sweeps},
+    )
     check_carriages(scene.machine, scene.poses, findings)
     check_path_carriages(scene, findings)
     findings.raise_if_any()
@@ -92,7 +99,6 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         warnings=tuple(warnings),
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
-        sweeps={name: build_sweep(name, table) for name in table.sweeps},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
         compare=CompareSettings(
             tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference

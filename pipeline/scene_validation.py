@@ -15,6 +15,7 @@ from headstock.pipeline.toml_positions import KeyPath
 from headstock.pipeline.units import show_value
 
 MAX_PROBLEMS = 200
+TAGS = ("[key]", "[waypoints]", "[file]")  # what pydantic puts among the keys: a faulty key, and which kind of value was taken
 _KINDS = {
     "string_type": 'is not text; write it in quotes, such as "text"',
     "bool_type": "is neither true nor false; write one of them without quotes",
@@ -64,7 +65,7 @@ def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
 
 
 def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
-    path: KeyPath = tuple(part for part in detail["loc"] if part != "[key]")
+    path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
     kind = detail["type"]
     value = detail.get("input")
     if kind == "extra_forbidden":

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Self
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from headstock.pipeline.schema_connections import PoseTable
 from headstock.pipeline.schema_types import AxisPosition, Count, Name, StrictTable, Text, problem
@@ -36,14 +36,22 @@ Span = Annotated[
 ]
 Places = Annotated[list[Text | PoseTable], Field(min_length=1, max_length=MAX_SWEEP_POSES)]
 Waypoints = Annotated[list[PoseTable], Field(min_length=2, max_length=1000)]
+# tags in brackets are no part of a key
+Way = Annotated[
+    Annotated[Waypoints, Tag("[waypoints]")] | Annotated[Text, Tag("[file]")],
+    Discriminator(lambda value: "[file]" if isinstance(value, str) else "[waypoints]"),
+]
 
 
 class SweepTable(StrictTable):
-    """Poses in which the analyses are repeated: a grid of `axes`, a list of `poses`, or a `path` in steps of at most `step`."""
+    """Poses in which the analyses are repeated: a grid of `axes`, a list of `poses`, or a `path` in steps of at most `step`.
+
+    A path is a list of waypoints, or the name of a CSV file of them.
+    """
 
     axes: Annotated[dict[Name, Span], Field(min_length=1)] | None = None
     poses: Places | None = None
-    path: Waypoints | None = None
+    path: Way | None = None
     step: AxisPosition | None = None
     variant: Text | None = None
 
@@ -53,19 +61,19 @@ class SweepTable(StrictTable):
         if len(given) != 1:
             what = "gives neither axes nor poses nor path" if not given else f"gives {' and '.join(given)}; keep one"
             raise problem(f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}')
-        if (self.path is None) != (self.step is None):
+        if (self.path is None) != (self.step is None) and not isinstance(self.path, str):
             raise problem('path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"')
         if self.step is not None and self.step.value <= 0.0:
             raise problem("step must be above zero")
         return self
 
     def quantities(self) -> list[tuple[tuple[str | int, ...], str, Quantity]]:
-        """Every position the table names: the rest of its key, its axis, its value."""
+        """Every position the table itself names: the rest of its key, its axis, its value."""
         found: list[tuple[tuple[str | int, ...], str, Quantity]] = []
         for axis, span in (self.axes or {}).items():
             found += [(("axes", axis, index), axis, value) for index, value in enumerate((span.low, span.high))]
         for key in ("poses", "path"):
-            for index, place in enumerate(getattr(self, key) or ()):
+            for index, place in enumerate(() if isinstance(self.path, str) else getattr(self, key) or ()):
                 if not isinstance(place, str):
                     found += [((key, index, axis), axis, value) for axis, value in place.items()]
         return found

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.disk_faults import blames_surroundings
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.memory_watch import watch_memory
 from headstock.pipeline.rank_messages import share_from_root
@@ -107,7 +108,7 @@ def run_study(
     """Compute every point that is not finished yet and record each as it ends; collective.
 
     A point whose computation ends with a named error is recorded with it, and the study goes on; on several ranks it ends there,
-    since the others are left waiting, and goes on when it is started again.
+    since the others are left waiting, and goes on when it is started again. A disk without room ends it on any number of ranks.
 
     Args:
         job: The same on every rank.
@@ -121,6 +122,7 @@ def run_study(
     Raises:
         StudyError: The scene file changed meanwhile.
         OutputError: A record cannot be written.
+        HeadstockError: There is no room on the disk, or no compiler.
     """
     points = expand_study(job.study)
     root = comm.rank == 0
@@ -199,6 +201,8 @@ def _compute_point(
     except StudyError:
         raise
     except (HeadstockError, SceneError, MemoryError) as error:
+        if blames_surroundings(error):
+            raise  # no property of this point: it is computed when the study is started again
         named = error if isinstance(error, HeadstockError) else StudyError(str(error))
         return replace(record, status="failed", error=f"{type(error).__name__}: {error}"), named
     if comm.rank > 0:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -9,10 +10,12 @@ from headstock.geometry.carriages import place_carriages
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machines import Machine
 from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT
+from headstock.pipeline.path_files import AxisPath
 from headstock.pipeline.rail_checks import SLACK, describe_overhang
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_overrides import split_variant
 from headstock.pipeline.scene_schema import SceneTable
+from headstock.pipeline.schema_connections import PoseTable
 from headstock.pipeline.schema_sweeps import MAX_SWEEP_POSES, SweepTable
 from headstock.pipeline.sweep_poses import Sweep, count_path, make_grid, make_list, make_path, sweep_pose
 from headstock.pipeline.toml_positions import KeyPath
@@ -28,23 +31,24 @@ def axis_units(scene: SceneTable) -> dict[str, str]:
     return units
 
 
-def build_sweep(name: str, scene: SceneTable) -> Sweep:
-    """The sweep a faultless table stands for."""
-    return dataclasses.replace(_build_poses(name, scene), variant=scene.sweeps[name].variant)
+def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
+    """The sweep a faultless table stands for, with the ways that were read from files."""
+    return dataclasses.replace(_build_poses(name, scene, paths), variant=scene.sweeps[name].variant)
 
 
-def _build_poses(name: str, scene: SceneTable) -> Sweep:
+def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
     table, units = scene.sweeps[name], axis_units(scene)
     if table.axes is not None:
         spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
         return make_grid(name, units, spans)
-    if table.path is not None and table.step is not None:
-        return make_path(name, units, _values(table, scene), table.step.value, table.step.dimension.unit)
+    if table.path is not None:
+        return make_path(name, units, _waypoints(name, scene, paths), *_step(table))
     labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
-    return make_list(name, units, _values(table, scene), labels if all(labels) else [])
+    places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()]
+    return make_list(name, units, [_values(place) for place in places], labels if all(labels) else [])
 
 
-def check_sweeps(scene: SceneTable, findings: Findings) -> None:
+def check_sweeps(scene: SceneTable, paths: Mapping[str, AxisPath], findings: Findings) -> None:
     """Report sweeps that name unknown poses or have too many."""
     for name, table in scene.sweeps.items():
         for index, place in enumerate(table.poses or ()):
@@ -54,7 +58,7 @@ def check_sweeps(scene: SceneTable, findings: Findings) -> None:
         for variant in (part for part in split_variant(table.variant) if part not in scene.variants):
             hint = suggest_names(variant, scene.variants, what="variants")
             findings.add(("sweeps", name, "variant"), f"unknown variant {variant[:80]!r}; {hint}")
-        if (count := _count_poses(table, scene)) > MAX_SWEEP_POSES:
+        if (count := _count_poses(name, scene, paths)) > MAX_SWEEP_POSES:
             key = "axes" if table.axes is not None else "step"
             findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")
 
@@ -76,14 +80,26 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
                 findings.add(key, f"in pose {pose.name} {describe_overhang(carriage)}")
 
 
-def _values(table: SweepTable, scene: SceneTable) -> list[dict[str, float]]:
-    places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or table.path or ()]
-    return [{axis: quantity.value for axis, quantity in place.items()} for place in places]
+def _waypoints(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> list[dict[str, float]]:
+    """Corners of a path as the scene or its file has them; none where the file could not be read."""
+    path = scene.sweeps[name].path
+    if isinstance(path, str):
+        return paths[name].waypoints() if name in paths else []
+    return [_values(place) for place in path or ()]
 
 
-def _count_poses(table: SweepTable, scene: SceneTable) -> int:
+def _values(place: PoseTable) -> dict[str, float]:
+    return {axis: quantity.value for axis, quantity in place.items()}
+
+
+def _step(table: SweepTable) -> tuple[float, str]:
+    """Largest distance of poses and its unit; without one a path has no poses between its waypoints."""
+    return (math.inf, "m") if table.step is None else (table.step.value, table.step.dimension.unit)
+
+
+def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> int:
+    table = scene.sweeps[name]
     if table.axes is not None:
         return math.prod(span.positions for span in table.axes.values())
-    if table.path is not None and table.step is not None:
-        return count_path(axis_units(scene), _values(table, scene), table.step.value, table.step.dimension.unit)
-    return len(table.poses or ())
+    waypoints = _waypoints(name, scene, paths)
+    return count_path(axis_units(scene), waypoints, *_step(table)) if waypoints else len(table.poses or ())

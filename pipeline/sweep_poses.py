@@ -56,15 +56,15 @@ def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], 
 def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> Sweep:
     """Poses along straight legs between waypoints, each leg divided evenly into steps of at most ``step``.
 
-    The length of a leg is that of the way of the axes that are measured like the step.
+    An infinite step gives no poses but the waypoints. The length of a leg is that of the way of the axes that are measured like the step.
     """
     axes, corners = _stack(waypoints)
     measured = np.array([units[axis] == unit for axis in axes])
     places = [corners[:1]]
-    for start, leg in zip(corners[:-1, None], np.diff(corners, axis=0)[:, None], strict=True):
-        length = float(np.linalg.norm(leg[:, measured]))
-        count = max(1, math.ceil(length / step * (1.0 - 1e-9)))
-        places.append(start + np.arange(1, count + 1)[:, None] / count * leg)
+    for start, end in itertools.pairwise(corners):
+        count = int(_count_steps((end - start)[measured], step)) if math.isfinite(step) else 1
+        places.append(start + np.arange(1, count)[:, None] / count * (end - start) if count > 1 else corners[:0])
+        places.append(end[None])  # corners as they are written, not as the sum of a leg
     positions = np.vstack(places)
     return Sweep(name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),))
 
@@ -73,9 +73,16 @@ def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: f
     """How many poses a path has, without making them; infinite where a number is too large to count."""
     axes, corners = _stack(waypoints)
     measured = np.array([units.get(axis) == unit for axis in axes], dtype=bool)
-    lengths = np.linalg.norm(np.diff(corners, axis=0)[:, measured], axis=1)
-    steps = np.maximum(1.0, np.ceil(lengths / step * (1.0 - 1e-9)))
-    return 1 + int(min(steps.sum(), 1e15))
+    if not math.isfinite(step):
+        return len(corners)
+    with np.errstate(over="ignore"):
+        steps = _count_steps(np.diff(corners, axis=0)[:, measured], step)
+        return 1 + int(min(steps.sum(), 1e15))
+
+
+def _count_steps(legs: FloatArray, step: float) -> FloatArray:
+    """How many steps of at most ``step`` each leg takes, ``(...)`` of ``(..., k)``."""
+    return np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=-1) / step * (1.0 - 1e-9)))
 
 
 def sweep_pose(sweep: Sweep, number: int) -> Pose:

@@ -101,6 +101,14 @@ class Quantity:
     dimension: Dimension
 
 
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a dimension: times ``factor`` a number is in SI units."""
+
+    factor: Decimal
+    dimension: Dimension
+
+
 def _build_registry() -> pint.UnitRegistry:
     registry = pint.UnitRegistry(None, non_int_type=Decimal)
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
@@ -138,6 +146,24 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
         if dimensionality == _resolve_unit(dimension.unit, example)[1]:
             return Quantity(_scale_number(number, factor, text, wanted), dimension)
     raise UnitError(f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
+
+
+def read_unit(text: str, *dimensions: Dimension) -> Unit:
+    """Read a unit without a number, such as ``mm``, that measures one of the given dimensions.
+
+    Raises:
+        UnitError: An unknown unit, or another dimension.
+    """
+    wanted = " or ".join(_with_article(dimension) for dimension in dimensions)
+    example = " or ".join(unit_of(dimension.example) for dimension in dimensions)
+    if not text or len(text) > MAX_TEXT:
+        raise UnitError(f"{show_value(text)} is no unit of {wanted}; write for example {example}")
+    unit = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
+    factor, dimensionality = _resolve_unit(unit, example)
+    for dimension in dimensions:
+        if dimensionality == _resolve_unit(dimension.unit, example)[1]:
+            return Unit(factor, dimension)
+    raise UnitError(f"{show_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
 
 
 def unit_of(text: str) -> str:

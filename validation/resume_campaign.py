@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +94,7 @@ def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[
         folder = root / kind.replace(" ", "-")
         try:
             finished_before = _count_finished(folder)
-            ending = _kill_one(_start(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1]))
+            ending = _kill_one(start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1]))
             outcome.note_trial(f"{kind}: {ending}")
             if _count_finished(folder) < finished_before:
                 raise CampaignError("finished ones were lost")
@@ -165,28 +165,32 @@ def _leave_alone(root: Path, kind: str) -> tuple[Content, float]:
     for _ in range(2):
         shutil.rmtree(folder, ignore_errors=True)
         start = time.perf_counter()
-        _require_done(_start(root, folder, kind))
+        _require_done(start_resumable(root, folder, kind))
         seconds = time.perf_counter() - start
     return read_content(folder), seconds
 
 
 def _finish(root: Path, folder: Path, kind: str, expected: Content) -> None:
     """Let it end, hold its content against that of an undisturbed one, and clear the folder."""
-    _require_done(_start(root, folder, kind))
+    _require_done(start_resumable(root, folder, kind))
     difference = find_difference(read_content(folder), expected)
     if difference:
         raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
     shutil.rmtree(folder)
 
 
-def _start(root: Path, folder: Path, kind: str) -> "subprocess.Popen[str]":
+def start_resumable(
+    root: Path, folder: Path, kind: str, *, variant: str | None = None, environment: Mapping[str, str] = os.environ
+) -> "subprocess.Popen[str]":
+    """Start a sweep or a study of ``scene.toml`` in a folder, with the store beside it, as the leader of a process group."""
     command = kind.split()[0]
     program = [sys.executable, "-P", "-m", "headstock.app.command_line", command, str(root / "scene.toml"), NAMES[command]]
+    program += ["--variant", variant] if variant else []
     if "ranks" in kind:
         program = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", "2", *program]
     return subprocess.Popen(
         [*program, "-o", str(folder)],
-        env={**os.environ, "HEADSTOCK_STORE": str(root / "store"), "OMP_NUM_THREADS": "1"},
+        env={**environment, "HEADSTOCK_STORE": str(root / "store"), "OMP_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

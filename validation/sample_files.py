@@ -1,4 +1,4 @@
-"""Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement, measured forces."""
+"""Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement, measured forces, a way of axes."""
 
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,12 @@ def forces_text() -> str:
     return "\n".join(["time [s],fx,fy,fz", *rows, ""])
 
 
+def path_text() -> str:
+    """Text of a file of forty waypoints of a linear and a rotary axis."""
+    rows = [f"{1.5 * ((7 * i) % 40):g},{-90 + 4.5 * i:g}" for i in range(40)]
+    return "\n".join(["X [mm],C [deg]", *rows, ""])
+
+
 def box_superelement() -> Superelement:
     """A superelement of one interface and two modes whose numbers mean nothing."""
     numbers = np.arange(64.0).reshape(8, 8)
@@ -88,11 +94,17 @@ def box_superelement() -> Superelement:
 
 
 def write_samples(folder: Path) -> dict[str, bytes]:
-    """Content of a sound file by its suffix; STEP files are not among them."""
+    """Content of a sound file by its name; STEP files and targets are not among them."""
     mesh = box_mesh()
-    texts = {".msh": msh_text(mesh), ".inp": inp_text(mesh), ".bdf": bdf_text(mesh), ".csv": forces_text()}
+    texts = {
+        "part.msh": msh_text(mesh),
+        "part.inp": inp_text(mesh),
+        "part.bdf": bdf_text(mesh),
+        "forces.csv": forces_text(),
+        "path.csv": path_text(),
+    }
     write_superelement(folder / "sample.h5", box_superelement())
-    return {**{suffix: text.encode() for suffix, text in texts.items()}, ".h5": (folder / "sample.h5").read_bytes()}
+    return {**{name: text.encode() for name, text in texts.items()}, "part.h5": (folder / "sample.h5").read_bytes()}
 
 
 def _rows(array: Any) -> list[list[Any]]:

@@ -1,16 +1,107 @@
 """H45: a disk that is full, read-only or failing ends a run with a named error and leaves the old result (errors of fsync: test_atomic_files)."""
 
+import contextlib
+import io
+import shutil
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import pytest
+from mpi4py import MPI
+
+from headstock.app.guard import run_guarded
+from headstock.app.studying import StudyRequest, study_request
+from headstock.app.sweeping import SweepRequest, sweep_request
 from headstock.validation.campaign_runs import VARIANTS, finish_run, make_places, read_numbers
 from headstock.validation.disk_campaign import run_disk_campaign
+from headstock.validation.disk_resume_trials import OLD, ResumeTrials
+from headstock.validation.errors import CampaignError
+from headstock.validation.resume_campaign import SCENE
+
+LIGHT_SCENE = (
+    SCENE.replace('"200 mm", 500]', '"200 mm", 8]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[3, 4, 5]")
+    + f'[variants.{OLD}]\n"materials.steel.rho" = "7000 kg/m^3"\n'
+)
 
 
 def test_three_runs_on_a_small_disk_end_right_or_with_a_named_error_and_the_old_result(tmp_path: Path) -> None:
-    outcome = run_disk_campaign(3, seed=5, root=tmp_path, on_trial=lambda _: None)
+    outcome = run_disk_campaign(3, seed=5, root=tmp_path, on_trial=lambda _: None, kinds=("run",))
     assert outcome.faults == []
     assert outcome.trials == 3
-    assert any(ending.startswith("exit 1") for ending in outcome.happened)
+    assert any(ending.startswith("run: exit 1") for ending in outcome.happened)
+
+
+def start_here(root: Path, folder: Path, kind: str, variant: str | None, _: Mapping[str, str]) -> tuple[int, str]:
+    """A sweep or a study in this process, as the command line starts it."""
+    scene, said = root / "scene.toml", io.StringIO()
+
+    def work(comm: MPI.Comm) -> int:
+        common = {
+            "scene": scene,
+            "output": folder,
+            "variant": variant,
+            "overrides": (),
+            "ranks": None,
+            "retry": False,
+            "json_file": None,
+        }
+        if kind == "sweep":
+            return sweep_request(SweepRequest(name="line", **common), comm)
+        return study_request(StudyRequest(name="grid", cold=False, repeats=None, **common), comm)
+
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        code = run_guarded(work, debug=False)
+    return code, said.getvalue()
+
+
+@pytest.fixture(scope="module", params=["sweep", "study"])
+def trials(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ResumeTrials]:
+    root = tmp_path_factory.mktemp("trials")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HEADSTOCK_STORE", str(root / "store"))
+        yield ResumeTrials(root / "sound", request.param, limited_files=True, scene=LIGHT_SCENE, start=start_here)
+
+
+def test_a_full_disk_ends_a_sweep_or_study_by_name_and_it_goes_on_to_the_result_of_an_undisturbed_one(
+    trials: ResumeTrials, tmp_path: Path
+) -> None:
+    # no room for a picture or page, and none while poses or points are being finished
+    for turn, share in enumerate((0.2, 0.5)):
+        ending = trials.attempt(tmp_path / f"trial-{turn}", share, turn)
+        assert ending.startswith("the right result after OutputError"), ending
+
+
+@pytest.mark.parametrize("trials", ["study"], indirect=True)
+def test_a_trial_tells_what_a_full_disk_must_not_do(trials: ResumeTrials, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = trials.results
+
+    def attempt(name: str, change: Callable[[Path], tuple[int, str]]) -> str:
+        def start(_root: Path, folder: Path, *_: object) -> tuple[int, str]:
+            shutil.copytree(results, folder, dirs_exist_ok=True)
+            return change(folder)
+
+        monkeypatch.setattr(trials, "_run", start)
+        with pytest.raises(CampaignError) as caught:
+            trials.attempt(tmp_path / name, 1.0, 0)
+        return str(caught.value)
+
+    def write(name: str, content: bytes, code: int = 0) -> Callable[[Path], tuple[int, str]]:
+        def change(folder: Path) -> tuple[int, str]:
+            (folder / name).write_bytes(content)
+            return code, ""
+
+        return change
+
+    whole = (results / "points.jsonl").read_bytes()
+    record = whole.splitlines(keepends=True)[-1]
+    assert "study.json is torn" in attempt("torn", write("study.json", b'{"rows": ['))
+    assert "study.png is neither" in attempt("picture", write("study.png", b"\x89PNG"))
+    assert "a temporary stayed behind" in attempt("temporary", write(".study.png.x.part", b"x"))
+    assert "lost what was finished" in attempt("lost", write("points.jsonl", record))
+    assert "not that of an undisturbed one" in attempt(
+        "other", write("points.jsonl", whole + record.replace(b'"done"', b'"failed"'))
+    )
+    assert "ended with 2" in attempt("code", write("points.jsonl", whole, 2))
 
 
 def test_a_read_only_output_folder_is_refused_before_anything_is_computed(tmp_path: Path) -> None:

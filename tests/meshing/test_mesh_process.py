@@ -6,6 +6,8 @@ import pytest
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshJob
 from headstock.meshing.mesh_process import run_job
+from headstock.pipeline.disk_faults import blames_surroundings
+from headstock.validation.limited_rooms import limited_room
 
 BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
 
@@ -14,6 +16,16 @@ def test_child_that_needs_more_memory_than_allowed_is_named() -> None:
     job = MeshJob("shape", BOX, size=6.0, straight=True, memory_bytes=350 << 20)
     with pytest.raises(MeshError, match=r"column: .*memory"):
         run_job(job, what="column", time_limit=60.0)
+
+
+def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -> None:
+    job = MeshJob("shape", BOX, size=50.0, straight=True)
+    with limited_room(Path(), (), limited_files=True) as set_room:
+        set_room(1000)
+        with pytest.raises(MeshError, match="column: the mesh could not be written: File too large; make room in") as caught:
+            run_job(job, what="column", time_limit=60.0)
+    assert blames_surroundings(caught.value)
+    assert not blames_surroundings(MeshError("column: a cell is inverted"))
 
 
 def test_child_does_not_import_from_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -30,10 +31,12 @@ def test_the_scene_the_bad_ones_are_made_from_is_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("row", BAD.values(), ids=list(BAD))
-def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, str]) -> None:
+def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, Any]) -> None:
     assert GOOD.count(row["old"]) == 1, "the row must change one place"
     text = GOOD.replace(row["old"], row["new"])
     path = write_scene(tmp_path, text)
+    for name, content in row.get("files", {}).items():
+        (tmp_path / name).write_text(content)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
     matching = [problem for problem in caught.value.problems if problem.key == row["key"] and row["message"] in problem.message]

@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import json
 import os
 import signal
@@ -10,12 +11,20 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+import headstock.pipeline.study_runs
+from headstock.geometry.errors import HeadstockError
+from headstock.meshing.errors import MeshError
+from headstock.pipeline.result_files import OutputError
+from headstock.pipeline.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.scene_content import file_digests
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.study_points import Study, StudyFamily, count_points, describe_point, expand_study
 from headstock.pipeline.study_records import POINTS_FILE, append_record, read_records
 from headstock.pipeline.study_runs import StudyError, StudyJob, StudyProgress, check_points, hash_scene, run_study
 from headstock.pipeline.study_tables import tabulate_study
+from headstock.solvers.errors import CompileError
 
 COLUMN = Path(__file__).resolve().parents[1] / "data" / "segmented_column.toml"
 SCENE = (
@@ -94,6 +103,33 @@ def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_comput
     assert [progress.known for progress in told] == [True, True, False, False]
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [OutputError("x cannot be written"), CompileError("a form could not be compiled"), MeshError("the mesh could not be written")],
+)
+def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_started_again(
+    fault: HeadstockError, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed, _ = compute(make_job(scene_file), tmp_path / "alone")
+    calls = iter(range(100))
+
+    def run(*arguments, **settings) -> Results:
+        if next(calls) == 2:
+            raise fault from OSError(errno.ENOSPC, "No space left on device")
+        return run_scene(*arguments, **settings)
+
+    monkeypatch.setattr(headstock.pipeline.study_runs, "run_scene", run)
+    with pytest.raises(type(fault), match=r"could not be|cannot be"):
+        compute(make_job(scene_file), tmp_path / "out")
+    assert len(read_records(tmp_path / "out")) == 2
+    records, told = compute(make_job(scene_file), tmp_path / "out")
+    assert [progress.known for progress in told] == [True, True, False, False, False, False]
+    assert [record.key for record in records] == [record.key for record in undisturbed]
+    for record, alone in zip(records, undisturbed, strict=True):
+        assert record.status == "done"
+        assert (record.summary["modal"], record.summary["static"]) == (alone.summary["modal"], alone.summary["static"])
+
+
 def test_values_that_do_not_fit_are_all_told_before_anything_is_computed(scene_file: Path) -> None:
     study = Study("s", (StudyFamily("", "s", {}, {COUNT: (2, 0, 2.5)}),), ("status",))
     with pytest.raises(SceneError) as caught:
@@ -107,6 +143,16 @@ def test_a_scene_that_changes_while_its_study_runs_ends_it_by_name(scene_file: P
     scene_file.write_text(SCENE + "# later\n")
     with pytest.raises(StudyError, match="changed while the study ran"):
         compute(job, tmp_path / "out")
+
+
+def test_measured_forces_are_among_the_files_results_depend_on(tmp_path: Path) -> None:
+    (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n")
+    raw = {"analyses": {"contouring": {"forces": "measured.csv"}, "modal": {}}}
+    before = dict(file_digests(tmp_path, raw))
+    (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n0,0,0,0\n")
+    assert before.keys() == {"measured.csv"}
+    assert dict(file_digests(tmp_path, raw)) != before
+    assert dict(file_digests(tmp_path, {"analyses": {"contouring": False}})) == {}
 
 
 def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(scene_file: Path, tmp_path: Path, monkeypatch) -> None:

@@ -20,6 +20,7 @@ from headstock.pipeline.sweep_poses import describe_positions
 from headstock.pipeline.sweep_results import SweepResults, collect_results
 from headstock.pipeline.sweep_runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
 from headstock.solvers.errors import ModelError
+from headstock.validation.limited_rooms import limited_room
 
 SCENE = Path(__file__).parent / "data" / "slide.toml"
 COMM = MPI.COMM_SELF
@@ -107,6 +108,20 @@ def test_a_flipped_bit_makes_the_poses_from_there_on_new(whole: bytes, tmp_path:
     path.write_bytes(content)
     assert 0 < len(read_journals(tmp_path, key)) < 9
     publish(make_job(tmp_path))
+    assert (tmp_path / SWEEP_FILE).read_bytes() == whole
+
+
+@pytest.mark.parametrize("room", [0, 30])
+def test_a_journal_that_has_no_room_for_its_head_is_left_empty(room: int, whole: bytes, tmp_path: Path) -> None:
+    job = make_job(tmp_path)
+    with limited_room(tmp_path, (), limited_files=True) as set_room:
+        set_room(room)
+        with pytest.raises(OutputError, match=r"journal cannot be written: .*(disk is full|too large)"):
+            run_sweep(job, comm=COMM)
+        set_room(None)
+        (path,) = (tmp_path / FOLDER).iterdir()
+        assert path.read_bytes() == b""
+    assert publish(job)[0].computed == 9
     assert (tmp_path / SWEEP_FILE).read_bytes() == whole
 
 
