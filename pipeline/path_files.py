@@ -47,7 +47,7 @@ class AxisPath:
 
     def waypoints(self) -> list[dict[str, float]]:
         """Axis to position [m, rad], one per waypoint."""
-        return [dict(zip(self.axes, row, strict=True)) for row in self.positions.tolist()]
+        return [dict(zip(self.axes, map(float, row), strict=True)) for row in self.positions]
 
 
 def read_path(path: Path) -> AxisPath:

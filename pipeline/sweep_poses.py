@@ -61,10 +61,12 @@ def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]
     axes, corners = _stack(waypoints)
     measured = np.array([units[axis] == unit for axis in axes])
     places = [corners[:1]]
-    for start, end in itertools.pairwise(corners):
-        count = int(_count_steps((end - start)[measured], step)) if math.isfinite(step) else 1
-        places.append(start + np.arange(1, count)[:, None] / count * (end - start) if count > 1 else corners[:0])
-        places.append(end[None])  # corners as they are written, not as the sum of a leg
+    for number in range(1, len(corners)):
+        start, end = corners[number - 1 : number], corners[number : number + 1]
+        count = int(_count_steps((end - start)[:, measured], step)[0]) if math.isfinite(step) else 1
+        if count > 1:
+            places.append(start + np.arange(1, count)[:, None] / count * (end - start))
+        places.append(end)  # corners as they are written, not as the sum of a leg
     positions = np.vstack(places)
     return Sweep(name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),))
 
@@ -81,8 +83,8 @@ def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: f
 
 
 def _count_steps(legs: FloatArray, step: float) -> FloatArray:
-    """How many steps of at most ``step`` each leg takes, ``(...)`` of ``(..., k)``."""
-    return np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=-1) / step * (1.0 - 1e-9)))
+    """How many steps of at most ``step`` each leg takes, ``(n,)`` of ``(n, k)``."""
+    return np.asarray(np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=1) / step * (1.0 - 1e-9))), dtype=float)
 
 
 def sweep_pose(sweep: Sweep, number: int) -> Pose:

@@ -2,11 +2,10 @@
 
 import os
 import shutil
-import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from headstock.validation.campaign_runs import TIME_LIMIT
+from headstock.validation.campaign_runs import wait_for_end
 from headstock.validation.disk_run_trials import MOST_ROOM, SHARED, TEMPORARY, require_named
 from headstock.validation.errors import CampaignError
 from headstock.validation.file_checks import check_file
@@ -145,9 +144,5 @@ def _read_growing(folder: Path) -> Bytes:
 
 def _run_process(root: Path, folder: Path, kind: str, variant: str | None, places: Mapping[str, str]) -> tuple[int, str]:
     process = start_resumable(root, folder, kind, variant=variant, environment={**os.environ, **places})
-    try:
-        _, said = process.communicate(timeout=TIME_LIMIT)
-    except subprocess.TimeoutExpired as error:
-        process.kill()
-        raise CampaignError(f"it did not end in {TIME_LIMIT:g} s") from error
+    said = wait_for_end(process)
     return process.returncode, said

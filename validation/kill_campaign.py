@@ -19,6 +19,7 @@ from headstock.validation.campaign_runs import (
     read_results,
     read_summary_numbers,
     start_run,
+    wait_for_end,
 )
 from headstock.validation.errors import CampaignError
 from headstock.validation.file_checks import check_files
@@ -86,7 +87,7 @@ def _kill_one(places: Places, variant: str, aim: str, seconds: float, chance: ra
     ended = process.poll() is not None
     process.kill()
     # a child that outlived the run would keep this pipe open
-    process.communicate(timeout=SETTLE_SECONDS)
+    wait_for_end(process, seconds=SETTLE_SECONDS)
     _require_nothing_runs(process.pid)
     return "had ended before the kill" if ended else f"killed {aim}"
 

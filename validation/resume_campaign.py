@@ -17,7 +17,7 @@ import numpy as np
 
 from headstock.pipeline.pose_journals import count_poses
 from headstock.validation.campaign_outcome import CampaignOutcome
-from headstock.validation.campaign_runs import TIME_LIMIT
+from headstock.validation.campaign_runs import wait_for_end
 from headstock.validation.errors import CampaignError
 
 SCENE = """
@@ -201,7 +201,7 @@ def start_resumable(
 
 
 def _require_done(process: "subprocess.Popen[str]") -> None:
-    _, said = process.communicate(timeout=TIME_LIMIT)
+    said = wait_for_end(process)
     if process.returncode:
         raise CampaignError(f"it ended with {process.returncode}: {said[-500:]}")
 
@@ -216,7 +216,7 @@ def _kill_one(process: "subprocess.Popen[str]", folder: Path, delay: float) -> s
         return "had ended before the kill"
     ranks = [pid for pid in _processes_of(folder) if pid != process.pid]
     os.kill(ranks[0] if ranks else process.pid, signal.SIGKILL)
-    process.communicate(timeout=TIME_LIMIT)
+    wait_for_end(process)
     return "killed"
 
 

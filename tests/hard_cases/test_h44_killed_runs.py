@@ -2,12 +2,14 @@
 
 import random
 import shutil
+import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from headstock.validation import kill_campaign
-from headstock.validation.campaign_runs import Numbers, Places, finish_run, make_places, read_numbers
+from headstock.validation.campaign_runs import Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
 from headstock.validation.errors import CampaignError
 from headstock.validation.kill_campaign import check_remains, run_kill_campaign
 
@@ -45,6 +47,15 @@ def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(finished: 
                 check_remains(places, expected)
         path.write_bytes(whole)
     assert kinds == KINDS
+
+
+def test_what_does_not_end_is_killed_with_its_children_and_is_a_fault_of_a_campaign() -> None:
+    command = ["sh", "-c", "sleep 300 & sleep 300"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    with pytest.raises(CampaignError, match=r"did not end in 0.2 s"):
+        wait_for_end(process, seconds=0.2)
+    # its child, which holds the same pipe, is gone too: else reading to the pipe's end would have taken 300 s
+    assert process.returncode == -signal.SIGKILL
 
 
 @pytest.mark.parametrize(
