@@ -72,7 +72,7 @@ def test_a_step_without_a_path_and_a_list_without_a_step_are_refused(tmp_path: P
     ("X []\n1\n2\n", 'way.csv:1: column X: "" is no unit of a length or an angle'),
     ("X [mm]\n1\n2 mm\n", 'way.csv:3 is no row of numbers: "2 mm"'),
     ("X [mm],Y [mm]\n1,2\n\n3\n", 'way.csv:4 has 1 entries, the first line has 2: "3"'),
-    ("X [mm],Y [mm]\n1,5,2,5\n1,5,3,0\n", "way.csv:2 has 4 entries .* write numbers with a point, not a comma"),
+    ("X [mm],Y [mm]\n1,5,2,5\n1,5,3,0\n", "way.csv:2 has 4 entries, .* write numbers with a point, not a comma"),
     ("X [mm],Y [mm]\n1,2\n3,\n", 'way.csv:3 is no row of numbers: "3,"'),
     ("X [mm]\n1\nnan\n", 'way.csv:3 holds a value that is not finite: "nan"'),
     ("X [mm]\n1\n1e400\n", "way.csv:3 holds a value that is not finite"),
