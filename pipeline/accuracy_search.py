@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from headstock.pipeline.accuracy_rounds import History, describe_settings, judge_round, replace_components, show_share
 from headstock.pipeline.accuracy_settings import (
-    START_ACCURACY,
+    COARSE_ACCURACY,
     are_twins,
     is_chosen,
     mode_margin,
@@ -55,7 +55,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
     one = all(are_twins(chosen[0], part) for part in chosen)
     components = {
-        name: start_component(part, accuracy if one else START_ACCURACY, modes_to) if is_chosen(part) else part
+        name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to) if is_chosen(part) else part
         for name, part in scene.machine.components.items()
     }
     return replace_components(dataclasses.replace(scene, analyses=analyses), components)
@@ -119,7 +119,7 @@ def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
     try:
         return current, plan_scene(current)
     except BudgetError:
-        current = _start_scene(scene, START_ACCURACY)
+        current = _start_scene(scene, COARSE_ACCURACY)
         return current, plan_scene(current)
 
 

@@ -15,6 +15,7 @@ from headstock.meshing.sizing import DEFAULT_CELLS, SIZE_STEP, estimate_tets, la
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex across: a quarter of it).
 START_SHARE = 0.95
 START_ACCURACY = 0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
+COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
@@ -28,9 +29,19 @@ FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
 LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
 # or second power of the size there, which falls faster than the size elsewhere; grading makes that cheap.
-START_GROWTH, LEAST_GROWTH = 0.35, 0.25
-START_ACROSS = 12
-RIM_SHARE, RIM_POWER = 0.2, 1.5
+LEAST_GROWTH, RIM_POWER = 0.25, 1.5
+
+
+@dataclass(frozen=True)
+class Grading:
+    """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a share of the size elsewhere."""
+
+    across: int
+    growth: float
+    rim_share: float
+
+
+COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(12, 0.35, 0.2)
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     solid = component.solid
     step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
     if isinstance(solid, StepFile):
-        return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component))), step)
+        return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy), step)
     if isinstance(solid, MeshFile | SuperelementFile):
         raise ValueError("the mesh of a file is not ours to choose")
     thinnest = thinnest_feature(solid)
@@ -138,16 +149,18 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
         step = min(1.0, SIZE_STEP * step)
     cells = _choose_cells(component, size)
-    return _shrink(component, MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size), step)
+    return _shrink(component, MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size, accuracy), step)
 
 
-def _grade(component: Component, size: float) -> MeshSettings:
+def _grade(component: Component, size: float, accuracy: float) -> MeshSettings:
     """Tets of a size that grow from the rims of patches and of rigid interfaces."""
     imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
     if not imprinted and not rigid:
         return MeshSettings(size)
-    across = START_ACROSS if imprinted else MeshSettings().across_patches
-    return MeshSettings(size, across_patches=across, growth=START_GROWTH, rim_size=_round(RIM_SHARE * size) if rigid else None)
+    grading = COARSE_GRADING if accuracy >= COARSE_ACCURACY else START_GRADING
+    across = grading.across if imprinted else MeshSettings().across_patches
+    rim_size = _round(grading.rim_share * size) if rigid else None
+    return MeshSettings(size, across_patches=across, growth=grading.growth, rim_size=rim_size)
 
 
 def _choose_cells(component: Component, size: float) -> CellShape:
