@@ -15,6 +15,7 @@ from mpi4py import MPI
 from headstock.app.comparison_charts import draw_comparison
 from headstock.app.comparison_listing import comparison_csv, print_comparison, print_effort, print_variant
 from headstock.app.comparison_page import render_comparison
+from headstock.app.console import warn_of_unused_accuracy
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
@@ -76,7 +77,9 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
 
 def _with_settings(request: CompareRequest) -> CompareRequest:
     """What the command line leaves open, as the scene's own table has it."""
-    settings = load_scene(request.scene, overrides=request.overrides).compare
+    scene = load_scene(request.scene, overrides=request.overrides)
+    warn_of_unused_accuracy(scene)
+    settings = scene.compare
     return dataclasses.replace(
         request,
         variants=request.variants or settings.variants,

@@ -117,6 +117,13 @@ def print_remarks(remarks: Sequence[str]) -> None:
     _print_warnings(make_console(), remarks)
 
 
+def warn_of_unused_accuracy(scene: Scene) -> None:
+    """Say that a command takes meshes and modes as they are written although the scene asks for an accuracy."""
+    if scene.accuracy is not None:
+        asked = f"{100.0 * scene.accuracy.to:g} %"
+        print_remarks([f"accuracy = {asked} is for run, study and effects; here meshes and modes are those written in the scene"])
+
+
 def counted(number: int, noun: str, plural: str | None = None) -> str:
     """A number of things in words."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"

@@ -12,7 +12,9 @@ CLEARLY = 0.05  # share of the time from which it is told as a number
 def print_trials(trials: Sequence[EffectTrial]) -> None:
     """A block per effect that moves anything, those that matter most first, then a line per effect."""
     for trial in [trial for trial in trials if trial.largest > 0.0]:
-        print(f"\n{trial.effect} ({'named' if trial.named else 'not named'})")
+        beside = f", in both runs beside {trial.beside}" if trial.beside else ""
+        times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
+        print(f"\n{trial.effect} ({'named' if trial.named else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
             print(f"  {change.answer:<24} {show_share(change.share):>9}   {_describe(change)}")
     print("\nin short")
@@ -24,11 +26,18 @@ def tell_trial(trial: EffectTrial) -> str:
     """One sentence: what it moves most, what it costs, what to do."""
     if trial.obstacle:
         return f"{trial.effect}: not tried: {trial.obstacle}"
+    name = f"{trial.effect} beside {trial.beside}" if trial.beside else trial.effect
     if trial.largest == 0.0:
-        return f"{trial.effect}: {trial.advice}"
+        times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
+        return f"{name}: {trial.advice} ({times})"
     moved = trial.changes[0]
     cost = f"{100.0 * trial.time_share:.0f} % of run time" if trial.time_share >= CLEARLY else "hardly any time"
-    return f"{trial.effect}: {show_share(moved.share)} of {moved.answer}, {cost}: {trial.advice}"
+    return f"{name}: {show_share(moved.share)} of {moved.answer}, {cost}: {trial.advice}"
+
+
+def show_seconds(seconds: float) -> str:
+    """Processor time with two digits."""
+    return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
 def show_share(share: float) -> str:

@@ -108,10 +108,17 @@ def print_response_error(console: Console, response: Json) -> None:
 def accuracy_words(accuracy: Json) -> list[str]:
     """How settings were chosen for an accuracy: what was asked for, what is reached, and with which settings."""
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
+    if "owner" not in rounds[-1]:
+        return [
+            f"accuracy {100.0 * accuracy['asked']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
+        ]
     last = rounds[-1]["quantity"]
     known = "an unknown amount" if reached is None else f"{100.0 * reached:.2g} %"
     settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
     state = "met" if accuracy["met"] else "not met"
     count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
-    words = f"accuracy {100.0 * accuracy['asked']:g} % {state} in {count}: {last} within {known}, the others closer"
+    words = (
+        f"accuracy {100.0 * accuracy['asked']:g} % {state} in {count}: {last} within {known}, the others closer"
+        " (± of meshes counted up to 1.8 times)"
+    )
     return [words, *([settings] if settings else [])]

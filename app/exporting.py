@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.console import warn_of_unused_accuracy
 from headstock.app.guard import DONE
 from headstock.app.running import require_ranks
 from headstock.pipeline.rank_messages import share_from_root
@@ -36,6 +37,8 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
     """
     require_ranks(request.ranks, comm)
     loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
+    if loaded is not None:
+        warn_of_unused_accuracy(loaded)
     written = export_superelement(share_from_root(comm, loaded), request.component, request.output, comm=comm)
     if comm.rank == 0:
         click.echo(written)
@@ -56,6 +59,8 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
     except UnitError as error:
         raise click.UsageError(f"--state-space {error}") from error
     loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
+    if loaded is not None:
+        warn_of_unused_accuracy(loaded)
     written = export_state_space(share_from_root(comm, loaded), request.output, up_to_hz=up_to_hz, pose=pose, comm=comm)
     if comm.rank == 0:
         click.echo(written)

@@ -43,7 +43,12 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
         from headstock.pipeline.planner import plan_scene
 
         loaded = load_checked(scene, variant, set_)
-        planned = plan_scene(loaded)
+        if loaded.accuracy is None:
+            planned = plan_scene(loaded)
+        else:
+            from headstock.pipeline.accuracy_plan import plan_first_round  # it loads the solvers
+
+            planned = plan_first_round(loaded)
         print_plan(loaded.name, planned)
         write_json_file(json, plan_rows(planned))
         return 0

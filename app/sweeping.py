@@ -10,7 +10,7 @@ import click
 from mpi4py import MPI
 
 from headstock.app.cluster_sweeping import ClusterRequest, sweep_on_slurm
-from headstock.app.console import print_stage
+from headstock.app.console import print_stage, warn_of_unused_accuracy
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
@@ -123,6 +123,7 @@ def _make_job(request: SweepRequest) -> SweepJob:
     findings = Findings(str(request.scene))
     check_sweep_carriages(scene.machine, sweep, findings)
     findings.raise_if_any()
+    warn_of_unused_accuracy(scene)
     stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
     folder = request.output or Path("results") / stem
     return SweepJob(select_analyses(scene), sweep, folder, request.part or Part(), request.retry)

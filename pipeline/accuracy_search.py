@@ -74,7 +74,7 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     """
     goal, rounds = _goal(scene), []
     history = History()
-    current, plan = _plan_start(scene)
+    current, plan = plan_start(scene)
     state = run_round(current, plan)
     failure = ""
     for number in range(MOST_ROUNDS):
@@ -114,7 +114,12 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, summary, failure)
 
 
-def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
+def plan_start(scene: Scene) -> tuple[Scene, Plan]:
+    """The first round: settings, and stages up to the analyses that errors are estimated of.
+
+    Raises:
+        BudgetError: Not even the coarsest settings fit the limits.
+    """
     current = start_scene(scene)
     try:
         return current, plan_scene(current)

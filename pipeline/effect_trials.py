@@ -61,6 +61,7 @@ class EffectTrial:
         seconds_without: And without it [s].
         noise: By which share runs of the same scene differ in time.
         obstacle: Why it could not be tried; empty where it was.
+        beside: Effect it acts through, on in both runs though the scene does not name it; empty elsewhere.
     """
 
     effect: str
@@ -70,6 +71,7 @@ class EffectTrial:
     seconds_without: float = 0.0
     noise: float = 0.0
     obstacle: str = ""
+    beside: str = ""
 
     @property
     def largest(self) -> float:
@@ -108,26 +110,22 @@ def try_effects(plan: ScenePlan, store: Store, *, announce: Callable[[str], None
         SceneError: The scene as written has problems.
         HeadstockError: It cannot be run as written.
     """
-    scene = _load(plan, ())
-    announce("as written")
-    _run(scene, store)
-    written, own = _run_timed(scene, store, least=2)
-    seconds, noise = min(own), max(own) / min(own) - 1.0
+    bench = _Bench(plan, store, announce)
+    scene, written = bench.scene, bench.run((), least=2)
     for effect in EFFECT_NAMES:
-        named = effect in scene.effects
+        named, beside = effect in scene.effects, _missing_need(effect, scene)
         try:
-            other = _load(plan, _switch(effect, scene))
-            announce(f"{'without' if named else 'with'} {effect}")
-            summary, times = _run_timed(other, store)
+            with_need = bench.run((f"effects.{beside}=true",)) if beside else written
+            other = bench.run((*((f"effects.{beside}=true",) if beside else ()), *_switch(effect, scene)))
         except SceneError as error:
             yield EffectTrial(effect, named, obstacle=error.problems[0].message)
         except HeadstockError as error:
             yield EffectTrial(effect, named, obstacle=str(error))
         else:
-            without, present = (summary, written) if named else (written, summary)
-            spent = (seconds, min(times)) if named else (min(times), seconds)
-            changes = sorted(compare_answers(without, present), key=lambda change: -change.share)
-            yield EffectTrial(effect, named, tuple(changes), *spent, max(noise, max(times) / min(times) - 1.0))
+            without, present = (other, with_need) if named else (with_need, other)
+            changes = sorted(compare_answers(without.summary, present.summary), key=lambda change: -change.share)
+            noise = max(written.noise, with_need.noise, other.noise)
+            yield EffectTrial(effect, named, tuple(changes), min(present.seconds), min(without.seconds), noise, beside=beside)
 
 
 def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
@@ -145,6 +143,7 @@ def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> Json:
             {
                 "effect": trial.effect,
                 "named": trial.named,
+                "beside": trial.beside or None,
                 "obstacle": trial.obstacle or None,
                 "largest_change": trial.largest,
                 "seconds_with": trial.seconds_with,
@@ -165,6 +164,44 @@ def _switch(effect: str, scene: Scene) -> tuple[str, ...]:
         return (f"effects.{effect}=true",)
     others = [name for name, needed in NEEDS.items() if needed == effect and name in scene.effects]
     return tuple(f"effects.{name}=false" for name in (effect, *others))
+
+
+def _missing_need(effect: str, scene: Scene) -> str:
+    """The effect that another one acts through, where the scene names neither; empty elsewhere."""
+    need = NEEDS.get(effect, "")
+    return "" if effect in scene.effects or need in scene.effects else need
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Answers of a scene and the processor times of its runs [s]."""
+
+    summary: Json
+    seconds: list[float]
+
+    @property
+    def noise(self) -> float:
+        """By which share the times differ."""
+        return max(self.seconds) / min(self.seconds) - 1.0
+
+
+class _Bench:
+    """Runs a scene with effects switched, each choice of them once."""
+
+    def __init__(self, plan: ScenePlan, store: Store, announce: Callable[[str], None]) -> None:
+        self._plan, self._store, self._announce = plan, store, announce
+        self._known: dict[tuple[str, ...], _Run] = {}
+        self.scene = _load(plan, ())
+        announce("as written")
+        _run(self.scene, store)
+
+    def run(self, switches: tuple[str, ...], *, least: int = 1) -> _Run:
+        """A run with overrides; raises what loading and running raise."""
+        if switches not in self._known:
+            scene = _load(self._plan, switches)
+            self._announce(" ".join(switches) or "as written")
+            self._known[switches] = _Run(*_run_timed(scene, self._store, least=least))
+        return self._known[switches]
 
 
 def _load(plan: ScenePlan, switches: tuple[str, ...]) -> Scene:

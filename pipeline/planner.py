@@ -197,7 +197,8 @@ def _component_stages(component: Component, reason: str, limits: Limits) -> Sequ
 
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     static, modal = scene.analyses.static, scene.analyses.modal
-    parts = f"{len(scene.machine.components)} components at {len(scene.machine.joints)} joints"
+    counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
+    parts = " at ".join(f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items())
     if is_lumped(scene):
         stages = [Stage("place", None, "loops closed in the pose, bodies and springs in its legs", pose=pose.name)]
     else:

@@ -10,6 +10,7 @@ from headstock.pipeline.effects import find_effect_fault
 from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_faults
 from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
 from headstock.pipeline.mechanism_checks import is_lumped
+from headstock.pipeline.mesh_checks import find_mesh_faults
 from headstock.pipeline.patch_checks import find_patch_fault
 from headstock.pipeline.rail_checks import check_rails
 from headstock.pipeline.scene_errors import Findings
@@ -73,8 +74,8 @@ def _check_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[s
 def _check_fidelity(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
     for place, fault in find_segment_faults(table, solid):
         findings.add((*key, *place), fault)
-    if table.mesh.cells == "hex" and table.solid.box is None and table.fidelity == "elastic":
-        findings.add((*key, "mesh", "cells"), f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"')
+    for place, fault in find_mesh_faults(table, solid):
+        findings.add((*key, *place), fault)
     if table.solid.superelement is not None:
         if table.fidelity != "elastic":
             findings.add((*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity")

@@ -160,7 +160,8 @@ def read_share(value: object, what: str) -> float:
     else:
         share = _read_number(value)
     if not 0.0 <= share <= 1.0:
-        raise problem(f'is {share:g}; a {what} lies between 0 and 1; write for example 0.02 or "2 %"')
+        article = "an" if what[0] in "aeiou" else "a"
+        raise problem(f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"')
     return share
 
 

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.app.error_texts import accuracy_words
 from headstock.geometry.components import Component, Interface, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.frames import Frame
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
+from headstock.pipeline.accuracy_plan import plan_first_round
 from headstock.pipeline.accuracy_settings import Trial, observed_rate, refine_mesh, start_component
 from headstock.pipeline.analysis_requests import Analyses, ModalRequest, StaticRequest
 from headstock.pipeline.result_summary import summarise
@@ -129,3 +131,17 @@ def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -
     settings = results.accuracy["settings"]
     assert settings["tower"] == settings["column"]
     assert all(record.cached for record in results.stages if record.stage.kind == "reduce" and record.stage.component == "tower")
+
+
+def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
+    fine = make_scene(AccuracyGoal(0.01))
+    parts = {name: dataclasses.replace(part, mesh=MeshSettings(0.004)) for name, part in fine.machine.components.items()}
+    plan = plan_first_round(dataclasses.replace(fine, machine=dataclasses.replace(fine.machine, components=parts)))
+    assert max(stage.estimated_dofs or 0 for stage in plan.stages) < 20_000
+    assert {stage.kind for stage in plan.stages} >= {"static", "modal"} and "accuracy = 1 %" in plan.warnings[-1]
+
+
+def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
+    rounds = [{"quantity": "every number", "error": 0.0, "because": "no component is meshed"}]
+    (words,) = accuracy_words({"asked": 0.01, "estimated": 0.0, "met": True, "rounds": rounds, "settings": {}})
+    assert words.startswith("accuracy 1 %: nothing to choose")

@@ -46,6 +46,13 @@ def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: st
         assert tell_trial(trial) == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
 
 
+def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
+    assert (
+        tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2))
+        == "coriolis: moves nothing that was asked for (10 s with, 6.2 s without)"
+    )
+
+
 def test_time_within_the_noise_is_no_cost() -> None:
     change = Change("contour gap", 0.1, "face 1", 1.0, 1.1)
     assert EffectTrial("damping", True, (change,), 10.0, 9.0, 0.2).time_share == 0.0
@@ -59,7 +66,7 @@ def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> 
     gravity = trials["gravity"]
     assert gravity.named and gravity.changes[0].answer == "displacement under loads" and gravity.changes[0].without == 0.0
     assert gravity.changes[0].present is not None and gravity.changes[0].present < -50.0
-    assert trials["coriolis"].largest == 0.0 and "switch drive_control" in trials["friction"].obstacle
+    assert trials["coriolis"].largest == 0.0 and "describe one in [drives.NAME]" in trials["friction"].obstacle
     ranked = [trial.effect for trial in rank_trials(list(trials.values()))]
     assert ranked[0] == "gravity" and trials[ranked[-1]].obstacle
 
