@@ -12,6 +12,8 @@ from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.validation.campaign_runs import SCENE
 
+# a mesh of a file takes no size, and that problem is not to hide another one
+PLAIN_SCENE = SCENE.replace('mesh = { size = "20 mm" }\n', "")
 SOLID = 'solid = { box = ["40 mm", "60 mm", "200 mm"] }'
 ESCAPE = re.compile(r"\\[unt]")  # meant as an escape of TOML; other backslashes stand for themselves
 ATTACKS = [
@@ -68,7 +70,7 @@ def folder(tmp_path: Path) -> Path:
 
 def load(folder: Path, name: str, *, kind: str = "mesh", overrides: tuple[str, ...] = ()):
     path = folder / "scene.toml"
-    path.write_text(SCENE.replace(SOLID, f'solid = {{ {kind} = "{name}" }}'))
+    path.write_text(PLAIN_SCENE.replace(SOLID, f'solid = {{ {kind} = "{name}" }}'))
     return load_scene(path, overrides=overrides)
 
 
