@@ -69,7 +69,7 @@ def run_job(job: MeshJob, *, what: str, time_limit: float) -> MeshData:
             size = "the default element size" if job.size is None else "this element size"
             raise MeshError(
                 f"{what}: meshing with {size} was stopped after {time_limit:g} s; write a larger mesh size, or remove tiny faces "
-                "and edges from the CAD model"
+                "and edges from the CAD model; a damaged file may take as long: export it again"
             ) from timeout
         if done.returncode == 0:
             result.seek(0)
