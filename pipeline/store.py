@@ -1,7 +1,8 @@
 """A content-addressed store of meshes and superelements that many runs may read and write at once.
 
-An entry is one HDF5 file whose user block holds the SHA-256 digest of the rest. It is believed only when it belongs to this user,
-nobody else may write it, and the digest agrees; anything else is computed anew and replaced.
+An entry is one HDF5 file whose user block holds its own kind and key and the SHA-256 digest of the rest. It is believed only when it
+belongs to this user, nobody else may write it, it lies where its key says, and the digest agrees; anything else is computed anew and
+replaced.
 """
 
 import hashlib
@@ -17,7 +18,7 @@ from headstock.pipeline.atomic_files import write_atomically
 from headstock.pipeline.record_files import read_record, write_record
 
 USER_BLOCK = 512
-SIGNATURE = b"headstock store entry 1 sha256 "
+SIGNATURE = b"headstock store entry 2 "
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,12 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
     except OSError as error:
         return StoreRead(None, f"store entry {path.name[:12]} is not used: {error.strerror or error}")
     stated, payload = content[:USER_BLOCK].rstrip(b"\0"), memoryview(content)[USER_BLOCK:]
-    if stated != SIGNATURE + hashlib.sha256(payload).hexdigest().encode():
+    own, _, digest = stated.rpartition(b" sha256 ")
+    if not own.startswith(SIGNATURE) or digest != _digest(own, payload):
         return StoreRead(None, f"store entry {path.name[:12]} is damaged (its digest differs) and is computed anew")
+    if own != _head(_folder(kind), key):
+        found = own.removeprefix(SIGNATURE).decode("ascii", "replace")
+        return StoreRead(None, f"store entry {path.name[:12]} holds another entry ({found[:80]}) and is computed anew")
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             return StoreRead(read_record(file["record"], kind))
@@ -75,8 +80,7 @@ def write_entry(store: Store, key: str, record: object) -> str | None:
     with h5py.File(image, "w", userblock_size=USER_BLOCK) as file:
         write_record(file.create_group("record", track_order=True), record)
     content = bytearray(image.getvalue())
-    digest = SIGNATURE + hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest().encode()
-    content[: len(digest)] = digest
+    content[:USER_BLOCK] = seal_entry(_folder(type(record)), key, memoryview(content)[USER_BLOCK:])
     path = entry_path(store, _folder(type(record)), key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -84,6 +88,34 @@ def write_entry(store: Store, key: str, record: object) -> str | None:
     except OSError as error:
         return f"the store in {store.root} cannot be written, nothing is kept: {error.strerror or error}"
     return None
+
+
+def seal_entry(kind: str, key: str, payload: bytes | memoryview) -> bytes:
+    """The user block of an entry: its kind and key, and a digest over them and the rest.
+
+    Args:
+        kind: Folder of the store it lies in.
+        key: Under which it is stored.
+        payload: The file behind the user block.
+
+    Raises:
+        ValueError: The key does not fit.
+    """
+    own = _head(kind, key)
+    block = own + b" sha256 " + _digest(own, payload)
+    if len(block) > USER_BLOCK:
+        raise ValueError(f"a key of {len(key)} characters does not fit into {USER_BLOCK} bytes")
+    return block.ljust(USER_BLOCK, b"\0")
+
+
+def _head(kind: str, key: str) -> bytes:
+    return SIGNATURE + f"{kind} {key}".encode()
+
+
+def _digest(own: bytes, payload: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256(own)
+    digest.update(payload)
+    return digest.hexdigest().encode()
 
 
 def _folder(kind: type) -> str:

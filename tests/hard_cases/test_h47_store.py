@@ -1,7 +1,6 @@
 """H47: what the store holds is believed only when it is whole and its key says the same of everything (more in test_store)."""
 
 import dataclasses
-import hashlib
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.pipeline import content_keys
 from headstock.pipeline.content_keys import mesh_key, superelement_key
-from headstock.pipeline.store import SIGNATURE, USER_BLOCK, Store, entry_path, read_entry, write_entry
+from headstock.pipeline.store import USER_BLOCK, Store, entry_path, read_entry, seal_entry, write_entry
 from headstock.reduction.superelement import Superelement
 from headstock.validation.campaign_runs import finish_run, make_places, read_numbers
 from headstock.validation.file_checks import check_files
@@ -40,11 +39,34 @@ def test_an_entry_of_another_kind_with_a_right_digest_is_computed_anew(tmp_path:
     content = bytearray(path.read_bytes())
     place = content.index(b"stiffness")
     content[place : place + 9] = b"stiffmess"
-    content[:USER_BLOCK] = (SIGNATURE + hashlib.sha256(content[USER_BLOCK:]).hexdigest().encode()).ljust(USER_BLOCK, b"\0")
+    content[:USER_BLOCK] = seal_entry("superelement", KEY, bytes(content[USER_BLOCK:]))
     path.write_bytes(content)
     read = read_entry(store, KEY, Superelement)
     assert read.value is None
     assert read.warning is not None and "computed anew" in read.warning
+
+
+def test_an_entry_copied_over_another_is_not_delivered(tmp_path: Path) -> None:
+    store, other = Store(tmp_path), "ef" + 62 * "2"
+    write_entry(store, KEY, box_superelement())
+    write_entry(store, other, dataclasses.replace(box_superelement(), name="other"))
+    place = entry_path(store, "superelement", KEY)
+    place.write_bytes(entry_path(store, "superelement", other).read_bytes())
+    read = read_entry(store, KEY, Superelement)
+    assert read.value is None
+    assert read.warning is not None and "holds another entry" in read.warning and "computed anew" in read.warning
+    write_entry(store, KEY, box_superelement())
+    assert read_entry(store, KEY, Superelement).warning is None
+
+
+def test_a_key_that_is_rewritten_inside_an_entry_is_noticed(tmp_path: Path) -> None:
+    store, other = Store(tmp_path), "ef" + 62 * "2"
+    write_entry(store, other, box_superelement())
+    forged = entry_path(store, "superelement", other).read_bytes().replace(other.encode(), KEY.encode())
+    place = entry_path(store, "superelement", KEY)
+    place.parent.mkdir(parents=True)
+    place.write_bytes(forged)
+    assert read_entry(store, KEY, Superelement).value is None
 
 
 def test_a_key_holds_the_solid_to_twelve_digits() -> None:
