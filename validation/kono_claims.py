@@ -10,10 +10,12 @@ from headstock.validation.ladder_claims import (
     claim_below,
     claim_between,
     claim_coarsest,
+    claim_constant,
     claim_missing,
     claim_ratio,
     claim_reached,
     claim_shrinking,
+    claim_smaller,
     claim_softer,
 )
 from headstock.validation.ladder_deviations import pick_rungs
@@ -24,6 +26,7 @@ FORCES = ("dx(Fx)", "dy(Fy)", "dz(Fz)", "dy(Ma)", "dx(Mb)")
 TORSION = ("dx(Mc)",)
 AT_CENTRE, ABOVE, TILT = "dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm", "dz(Fx), h_F = 100 mm"
 SOLID_LIMIT, BEAM_LIMIT = 3e-3, 2e-3
+ALMOST = 0.01  # what counts as "almost constant" of a deviation: one point
 MANY = 1e9
 ACROSS = "these elements get smaller across the section too, which lets it warp"
 PLAIN = "plain linear elements lock in bending; the paper's must have had bending shapes: see wilson8"
@@ -63,6 +66,7 @@ def _judge_cantilever(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
         claim_below(segments, "every deviation < 10 % from nDOF 30", loads, 0.10, above=30),
         claim_below(segments, "every deviation < 4 % from nDOF 90", loads, 0.04, above=90),
         claim_shrinking(segments, "deviations shrink as nDOF grows", loads),
+        claim_constant(segments, "deviations almost constant above nDOF 60", FORCES[:2], ALMOST, above=60),
     ]
     for rungs in (pick_rungs(beam, points, "static", kind) for kind in LINEAR):
         found += [
@@ -83,6 +87,9 @@ def _judge_cantilever(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
             claim_below(rungs, "every deviation < 20 % from nDOF 100", modes, 0.20, above=100, note=PLAIN),
             claim_below(rungs, "every deviation < 15 % above nDOF 200", modes, 0.15, above=200, note=PLAIN),
             claim_missing(rungs, "X3 is missing at the smallest nDOF", "X3"),
+            claim_smaller(
+                segments, rungs, "segments deviate less in X2 and X3 from nDOF 40 to 100", ["X2", "X3"], above=40, below=100
+            ),
             claim_alike(rungs, segments, "differ by < 10 % above nDOF 100", modes, 0.10, above=100),
         ]
     return found
@@ -95,6 +102,7 @@ def _judge_fixed_beam(beam: LadderBeam, points: Sequence[LadderPoint]) -> list[C
         claim_below(segments, "dx within 10 % from nDOF 90", shifts, 0.10, above=90),
         claim_below(segments, "dx and dz within 3 % above nDOF 300", [*shifts, TILT], 0.03, above=300),
         claim_shrinking(segments, "deviations of dx shrink as nDOF grows", shifts),
+        claim_constant(segments, "deviations of dx almost constant above nDOF 200", shifts, ALMOST, above=200),
     ]
     linear = [pick_rungs(beam, points, "static", kind) for kind in LINEAR]
     found += [claim_coarsest(rungs, "> 70 % without midside nodes, on the coarsest mesh", shifts, 0.70) for rungs in linear]

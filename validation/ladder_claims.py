@@ -137,6 +137,38 @@ def claim_shrinking(rungs: Rungs, text: str, quantities: Sequence[str]) -> Claim
     return Claim(rungs.figure, rungs.models, text, growth < ROUNDOFF, decides, growth, note)
 
 
+def claim_constant(rungs: Rungs, text: str, quantities: Sequence[str], limit: float, *, above: float) -> Claim | None:
+    """From some nDOF on no deviation varies by more than a limit [-]; decided by the quantity that varies most."""
+    by_quantity = [found for name in quantities if len(found := deviations(rungs, [name], above=above)) > 1]
+    if not by_quantity:
+        return None
+    ends = [(min(found, key=lambda d: d.value), max(found, key=lambda d: d.value)) for found in by_quantity]
+    least, most = max(ends, key=lambda pair: pair[1].value - pair[0].value)
+    span = most.value - least.value
+    decides = f"{100 * span:.2g} points: {least} to {most}"
+    return Claim(rungs.figure, rungs.models, f"{text} (within {100 * limit:g} point)", span <= limit, decides, span)
+
+
+def claim_smaller(better: Rungs, worse: Rungs, text: str, quantities: Sequence[str], *, above: float, below: float) -> Claim | None:
+    """In a range of nDOF some models deviate less than others of about equal nDOF, in every quantity; a mode that is missing loses."""
+    gaps = []
+    for own in deviations(better, quantities, above=above):
+        if own.point.ndof > below:
+            continue
+        other = nearest_rung(worse, own.point.ndof, own.quantity)
+        if other is not None:
+            (off,) = [d for d in deviations(worse, [own.quantity]) if d.point is other]
+            gaps.append((abs(own.value) - abs(off.value), own, off))
+    lacking = [
+        point for point in better.points if above <= point.ndof <= below and any(name not in point.values for name in quantities)
+    ]
+    if not gaps:
+        return None
+    gap, own, off = max(gaps, key=lambda item: item[0])
+    decides = f"{own} beside {off}" if not lacking else f"a mode is missing at nDOF {lacking[0].ndof} ({lacking[0].kind})"
+    return Claim(better.figure, f"{better.models}, {worse.models}", text, gap < 0.0 and not lacking, decides, gap)
+
+
 def claim_missing(rungs: Rungs, text: str, name: str) -> Claim | None:
     """The smallest model has not a certain mode."""
     if not rungs.points:

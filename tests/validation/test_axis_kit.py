@@ -17,7 +17,7 @@ from headstock.validation.axis_kit_cases import (
     show_shapes,
 )
 from headstock.validation.axis_kit_models import SCENE, KitModel, KitWorkshop
-from headstock.validation.axis_kit_paper import MEASURED_MODES, TABLE_3, TABLE_3_FEM
+from headstock.validation.axis_kit_paper import DRIVEN_MASSES, MEASURED_MODES, SCREW_LEADS, TABLE_3, TABLE_3_FEM, TRAVEL
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,18 @@ def workshop() -> KitWorkshop:
 @pytest.fixture(scope="module")
 def segmented(workshop: KitWorkshop) -> dict[str, KitModel]:
     return {variant: workshop.solve(variant, "segmented") for variant in TABLE_3}
+
+
+def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
+    scene = load_scene(SCENE, variant="calibrated+R+controlled")
+    machine = scene.machine
+    driven = {"X": ("x_slider",), "Y": ("y_slider", "z_slider"), "Z": ("z_slider",)}
+    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx(SCREW_LEADS)
+    assert {name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()} == pytest.approx(
+        dict.fromkeys("XYZ", TRAVEL)
+    )
+    masses = {name: sum(machine.components[body].mass or 0.0 for body in bodies) for name, bodies in driven.items()}
+    assert masses == pytest.approx(DRIVEN_MASSES)
 
 
 def test_the_22_frequencies_of_table_3_come_out_within_3_percent(segmented: dict[str, KitModel]) -> None:

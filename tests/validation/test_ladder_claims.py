@@ -10,10 +10,12 @@ from headstock.validation.ladder_claims import (
     claim_below,
     claim_between,
     claim_coarsest,
+    claim_constant,
     claim_missing,
     claim_ratio,
     claim_reached,
     claim_shrinking,
+    claim_smaller,
     claim_softer,
 )
 from headstock.validation.ladder_deviations import ndof_within, pick_rungs
@@ -89,6 +91,29 @@ def test_deviations_that_shrink_grow_or_stay() -> None:
     still = claim_shrinking(rungs("segmented", TWIST, {12: 0.03, 30: 0.03}), "", [TWIST])
     assert still.held
     assert "nothing is left to shrink" in still.note
+
+
+def test_deviations_that_are_almost_constant_stay_within_a_band() -> None:
+    ladder = rungs("segmented", TWIST, {12: 0.5, 60: 0.031, 90: 0.030, 420: 0.028})
+    flat = claim_constant(ladder, "flat", [TWIST], 0.01, above=60)
+    assert flat.held
+    assert flat.value == pytest.approx(0.003)
+    assert not claim_constant(ladder, "flat", [TWIST], 0.002, above=60).held
+    assert not claim_constant(ladder, "flat", [TWIST], 0.01, above=12).held
+    assert claim_constant(ladder, "flat", [TWIST], 0.01, above=400) is None, "one model shows nothing"
+
+
+def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
+    few, many = (
+        rungs("segmented", "X2", {30: 0.4, 60: -0.1, 96: 0.05, 200: 0.3}, "modal"),
+        rungs("hex8", "X2", {54: 0.2, 90: 0.08}, "modal"),
+    )
+    assert claim_smaller(few, many, "", ["X2"], above=40, below=100).held
+    wider = claim_smaller(few, many, "", ["X2"], above=40, below=300)
+    assert not wider.held
+    assert "nDOF 200" in wider.decides
+    lacking = rungs("segmented", "X2", {60: math.nan, 96: 0.01}, "modal")
+    assert not claim_smaller(lacking, many, "", ["X2"], above=40, below=100).held
 
 
 def test_two_kinds_of_models_are_compared_at_about_equal_ndof() -> None:
