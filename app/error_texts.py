@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.json_texts import Json
 
 MOST_DECIMALS = 3
@@ -60,8 +61,10 @@ def error_words(modes: Json) -> list[str]:
         words.append("interfaces: lowest and highest with every interface averaging or rigid")
     if modes.get("error_left_out"):
         words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
-    if any(size is None for share in shares for size in share.values()):
+    if any(share.get(REDUCTION, 0.0) is None for share in shares):
         words.append(f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings")
+    if any(share.get(DISCRETISATION, 0.0) is None for share in shares):
+        words.append(f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state")
     return words
 
 

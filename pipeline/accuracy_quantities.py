@@ -106,7 +106,7 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
             parts = _relative_parts(modes.errors[index], hz)
-            if REDUCTION in modes.errors[index].shares and modes.errors[index].shares[REDUCTION] is None:
+            if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(f"frequency {index + 1}{place}", f"frequency {index + 1} ({hz:.4g} Hz){place}", hz, parts)
 

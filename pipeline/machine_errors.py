@@ -42,7 +42,10 @@ def _estimate_discretisation(coupled: CoupledMachine, modes: ModalResult) -> lis
 
 
 def _mesh_estimate(parts: dict[str, float]) -> Estimate:
-    return Estimate({DISCRETISATION: sum(parts.values())}, (), {DISCRETISATION: parts}) if parts else Estimate()
+    if not parts:
+        return Estimate()
+    total = sum(parts.values())
+    return Estimate({DISCRETISATION: None}) if np.isnan(total) else Estimate({DISCRETISATION: total}, (), {DISCRETISATION: parts})
 
 
 def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Estimate]:

@@ -28,9 +28,6 @@ from headstock.solvers.discretisation_error import estimate_missing_energy
 from headstock.solvers.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import ModelError
 
-# modes above this share of the cut-off take part in no answer that goes without a warning; what their errors add is below 4 %
-ESTIMATED_SHARE = 2.0 / 3.0
-
 
 @dataclass(frozen=True)
 class ReductionRequest:
@@ -125,10 +122,7 @@ def reduce_operators(
 
 def _missing_energy(component: Component, mesh: ComponentMesh, element: Superelement, recovery: FloatArray) -> FloatArray:
     """Energy products ``(n, n)`` of the discretisation errors of the reduced dofs, on rank 0 alone."""
-    reach = ESTIMATED_SHARE * element.cutoff_hz
-    wanted = np.concatenate([np.ones(element.boundary_size, dtype=bool), element.modal_frequencies_hz <= reach])
-    result = np.zeros(element.stiffness.shape)
-    result[np.ix_(wanted, wanted)] = estimate_missing_energy(mesh, component.material, recovery[:, wanted])
+    result = estimate_missing_energy(mesh, component.material, recovery)
     if element.supported:
         return result
     # rigid motions miss no energy: what rounding leaves of it would look large beside that of a soft mount

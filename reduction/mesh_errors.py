@@ -7,7 +7,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import turn_dofs
+from headstock.solvers.factorization import BoolArray
 from headstock.solvers.modal_analysis import ModalResult
+
+
+# share of a mode's energy in modal dofs whose mesh error nobody knows (imported parts): beyond it the mode has no estimate
+SILENT_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,19 +22,28 @@ class MeshedPart:
     Attributes:
         energy: ``(n_c, n_c)`` products of the energies that its mesh misses.
         rows: ``(n_c, n)``.
+        silent: ``(n_c,)`` modal dofs that the estimate leaves out; some files estimate the lower ones only.
+        reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none.
     """
 
     energy: FloatArray
     rows: FloatArray
+    silent: BoolArray
+    reach_hz: float = np.inf
 
 
 def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
     """The components of a machine whose mesh has an estimate."""
-    return {
-        name: MeshedPart(part.missing_energy, turn_dofs(part, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]])
-        for name, part in coupled.layout.superelements.items()
-        if part.missing_energy is not None
-    }
+    found = {}
+    for name, part in coupled.layout.superelements.items():
+        if part.missing_energy is not None:
+            rows = turn_dofs(part, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]]
+            # a fixed-interface mode is strained, so a mesh misses some of its energy
+            silent = np.diag(part.missing_energy) <= 0.0
+            silent[: part.boundary_size] = False
+            reach = part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
+            found[name] = MeshedPart(part.missing_energy, rows, silent, float(reach))
+    return found
 
 
 def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
@@ -47,7 +61,7 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much each mesh makes the natural frequencies too high, ``(m,)`` per component [Hz].
+    """By how much each mesh makes the natural frequencies too high, ``(m,)`` per component [Hz]; NaN where that is not known.
 
     The square of a frequency is too large by the energy norm of the shape's error; what the kinetic energy adds is of higher order.
 
@@ -59,7 +73,15 @@ def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[s
     total = np.sum([np.zeros(len(squares)), *shares.values()], axis=0)
     # exact for the sum, however large: an error of the square beyond the square itself takes the whole frequency
     drop = modes.frequencies_hz * (1.0 - np.sqrt(np.maximum(1.0 - total, 0.0)))
+    unknown = elastic & (silent_shares(coupled, modes.shapes) > SILENT_SHARE)
+    drop = np.where(unknown, np.nan, drop)
     return {name: drop * share / np.where(total > 0.0, total, 1.0) for name, share in shares.items()}
+
+
+def silent_shares(coupled: CoupledMachine, shapes: FloatArray) -> FloatArray:
+    """Kinetic energy ``(m,)`` of mass-normalised modes in modal dofs whose mesh error is not known."""
+    moved = [(part.rows @ shapes)[part.silent] for part in meshed_parts(coupled).values()]
+    return np.asarray(np.sum([np.zeros(shapes.shape[1]), *((own**2).sum(axis=0) for own in moved)], axis=0))
 
 
 def compliance_mesh_errors(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:

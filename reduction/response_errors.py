@@ -18,7 +18,7 @@ class ResponseErrors:
     Attributes:
         least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can add; NaN where there is no bound.
         most: The same by the most they can add; the truth lies between both as a rule.
-        mesh: The same by finer meshes, an estimate; None where no mesh has one.
+        mesh: The same by finer meshes, an estimate; None where no mesh has one, NaN where modes without one take part.
     """
 
     least: ComplexArray
@@ -53,6 +53,7 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     mesh = np.zeros(shape, dtype=complex) if space.sources.meshed else None
     beyond = squares >= space.limit
     least[beyond] = most[beyond] = np.nan
+    silent = frequencies_hz >= min((part.reach_hz for part in space.sources.meshed.values()), default=np.inf)
     for start in range(0, len(squares), CHUNK):
         lines = np.arange(start, min(start + CHUNK, len(squares)))
         if not (space.sources.truncated or space.sources.meshed):
@@ -65,6 +66,8 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
         if space.sources.truncated and inside.any():
             kept = lines[inside]
             least[kept], most[kept] = _add_modes(space, squares[kept], dynamic[inside], plain[inside])
+    if mesh is not None:
+        mesh[silent] = np.nan
     return ResponseErrors(least, most, mesh)
 
 

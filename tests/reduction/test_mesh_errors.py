@@ -1,5 +1,7 @@
 """Estimates of what a mesh does to frequencies and compliances, against finer meshes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -11,7 +13,7 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.reduction.compliance_budget import point_budget
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
-from headstock.reduction.mesh_errors import compliance_mesh_errors, frequency_mesh_errors
+from headstock.reduction.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.modal_analysis import solve_modal
 
@@ -63,6 +65,30 @@ def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the
     assert 1.0 / 3.0 < np.median(ratios) < 3.0
     assert ((ratios > 1.0 / 3.0) & (ratios < 3.0)).mean() > 0.8
     assert spearmanr(np.concatenate(found), np.concatenate(true)).statistic > 0.9
+
+
+def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column):
+    coupled, exact = column("tet10", (1, 2, 6)), column(*FINE)
+    element, count = coupled.layout.superelements["body"], 18
+    assert (np.diag(element.missing_energy)[element.boundary_size :] > 0.0).all()
+    modes, right = (solve_modal(each.system, count=count).frequencies_hz for each in (coupled, exact))
+    errors = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=count))["body"]
+    assert modes[-1] > 0.9 * element.cutoff_hz
+    assert (errors > 0.2 * (modes - right)).all()
+
+
+def test_what_a_file_does_not_estimate_is_unknown_not_zero(column):
+    coupled = column("tet10", (1, 2, 6))
+    element = coupled.layout.superelements["body"]
+    missing = element.missing_energy.copy()
+    missing[-6:] = missing[:, -6:] = 0.0
+    poorer = dataclasses.replace(element, missing_energy=missing)
+    coupled = dataclasses.replace(coupled, layout=dataclasses.replace(coupled.layout, superelements={"body": poorer}))
+    modes = solve_modal(coupled.system)
+    errors = frequency_mesh_errors(coupled, modes)["body"]
+    assert np.isfinite(errors[:COUNT]).all()
+    assert np.isnan(errors[modes.frequencies_hz > element.modal_frequencies_hz[-6]]).all()
+    assert meshed_parts(coupled)["body"].reach_hz == element.modal_frequencies_hz[-6]
 
 
 def test_rigid_motions_of_a_free_component_miss_no_energy(make_box, make_component):
