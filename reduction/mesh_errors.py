@@ -10,7 +10,6 @@ from headstock.reduction.dof_layout import turn_dofs
 from headstock.solvers.factorization import BoolArray
 from headstock.solvers.modal_analysis import ModalResult
 
-
 # share of a mode's energy in modal dofs whose mesh error nobody knows (imported parts): beyond it the mode has no estimate
 SILENT_SHARE = 0.01
 
