@@ -113,7 +113,7 @@ def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
         return size
     curved = measure_curved_faces(boundary_faces(volume), {}, job.order)
     while size < extent / LARGEST_SHARE:
-        plan = size_curved_faces(curved, volume=content, size=size, order=job.order, refinement=job.refinement)
+        plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
         if estimate_tets(content, thickness, size) + count_curved_cells(plan) <= DEFAULT_FILE_CELLS:
             break
         size *= SIZE_STEP
@@ -133,11 +133,12 @@ def boundary_faces(volume: int) -> list[int]:
 def _plan_sizes(job: MeshJob, volume: int, faces: dict[str, list[int]], size: float) -> tuple[SizePlan | None, int]:
     """Element sizes on curved faces and rims, and the number of cells to expect."""
     content = float(gmsh.model.occ.getMass(3, volume))
-    count = estimate_tets(content, _mean_thickness(volume), size)
+    thickness = _mean_thickness(volume)
+    count = estimate_tets(content, thickness, size)
     if job.straight:
         return None, count
     curved = measure_curved_faces(boundary_faces(volume), faces, job.order)
-    plan = size_curved_faces(curved, volume=content, size=size, order=job.order, refinement=job.refinement)
+    plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
     return plan, count + count_curved_cells(plan)
 
 

@@ -1,5 +1,6 @@
 """What a STEP file holds: its faces with their triangles, its size and the unit it was written in."""
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ TIME_LIMIT = 120.0
 # one casting is seldom longer or shorter than that
 PLAUSIBLE_LENGTHS = (1e-3, 3.0)
 # an inch instead of a millimetre, and a metre instead of one, are what goes wrong
-UNITS = (("inch", 0.0254), ("m", 1.0), ("mm", 1e-3))
+UNITS = (("inch", 0.0254), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +84,13 @@ def doubt_size(path: Path, extent: float) -> str | None:
     unit = read_length_unit(path)
     length = dict(UNITS).get(unit or "")
     others = [] if length is None else [(name, extent * factor / length) for name, factor in UNITS if factor != length]
-    likely = ", ".join(f"{value:.4g} m if the numbers are in {name}" for name, value in others if lowest <= value <= highest)
+    fitting = [(name, value) for name, value in others if lowest <= value <= highest]
+    if others and not fitting:
+        fitting = [min(others, key=lambda other: abs(math.log(other[1] / highest)))]
+    likely = ", ".join(f"{value:.4g} m if the numbers are in {name}" for name, value in fitting)
     return (
         f"{path.name} reads as {extent:.4g} m long, in the unit its header names ({unit or 'not understood'})"
-        f"{'; it would be ' + likely if likely else ''}: check the export unit of the CAD system"
+        f"{'; it would be ' + likely if likely else ''}: this looks like a slip of units, check the export of the CAD system"
     )
 
 

@@ -36,8 +36,8 @@ JOB_EXTENT = 1000.0
 STEP_UNIT = 1e-3
 DESCRIBE_TIME_LIMIT = 120.0
 LINE_LIKE = 1e-4
-# imprints and curved faces are meshed finer when a mesh fails its checks
-REFINEMENTS = (1, 2, 4)
+# imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed mesh costs less than a fine one
+REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
 
 Groups = dict[str, tuple[Patch, ...]]
 
@@ -167,7 +167,12 @@ def patch_groups(component: Component, supports: Sequence[Support], loads: Seque
 
 
 def run_shape_job(
-    component: Component, groups: Groups, *, task: Literal["shape", "describe"] = "shape", time_limit: float, refinement: int = 1
+    component: Component,
+    groups: Groups,
+    *,
+    task: Literal["shape", "describe"] = "shape",
+    time_limit: float,
+    refinement: float = 1.0,
 ) -> MeshData:
     """Run the CAD kernel on a component in a child process and return what it found, in metres."""
     solid, what = component.solid, f"component {component.name!r}"

@@ -17,6 +17,10 @@ CELLS_PER_FACET = 12.0  # measured on filleted blocks: the grading around fine f
 LOSS = {1: (1.0 / 6.0, 2), 2: (7.8e-4 / (np.pi / 4) ** 4, 4)}
 TURNS = {1: 24, 2: 8}
 PATCH_ANGLE = {1: 0.3, 2: 0.7}
+# A chord of length s lies s^2 / (8 R) off its arc. In a wall of thickness t << R chords of both its faces would cross elements,
+# which straightening then takes off the volume: meshes of tubes (R / t = 5 to 15) fail from s^2 = 1.7 R t on.
+THIN_WALL = 2.0  # times the thickness is the smallest radius of a face that counts as one of a wall
+WALL_CHORD = 1.2
 LOST_SHARE = {1: 1e-2, 2: 5e-4}  # of the volume, and of the area of a plane patch with a round rim
 CLASSES_PER_OCTAVE = 4
 SPOTS = (0.2, 0.5, 0.8)  # shares of both parameter ranges at which curvature is measured
@@ -67,12 +71,15 @@ def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequenc
     return CurvedFaces(table[:, 0].astype(np.int64), areas, radii, patches, np.array(rims, dtype=float).reshape(-1, 2))
 
 
-def size_curved_faces(curved: CurvedFaces, *, volume: float, size: float, order: int, refinement: int) -> SizePlan:
+def size_curved_faces(
+    curved: CurvedFaces, *, volume: float, thickness: float, size: float, order: int, refinement: float
+) -> SizePlan:
     """Element sizes on curved faces: as coarse as volume and patch areas allow.
 
     Args:
         curved: Curved faces.
         volume: Volume of the shape.
+        thickness: Of its walls.
         size: Element size elsewhere.
         order: 1 or 2.
         refinement: How many times finer than that the curved faces are to be meshed.
@@ -86,8 +93,10 @@ def size_curved_faces(curved: CurvedFaces, *, volume: float, size: float, order:
             break
         floor *= FLOOR_STEP
     sizes = np.clip(2 * np.pi * curved.radii / TURNS[order], floor, size)
+    walls = np.where(curved.radii > THIN_WALL * thickness, np.sqrt(WALL_CHORD * curved.radii * thickness), np.inf)
+    sizes = np.minimum(sizes, walls)
     sizes = np.where(curved.patches > 0.0, np.minimum(sizes, PATCH_ANGLE[order] * curved.radii), sizes)
-    return SizePlan(curved, sizes / refinement, curved.rims[:, 1] / refinement, size)
+    return SizePlan(curved, np.asarray(sizes / refinement), np.asarray(curved.rims[:, 1] / refinement), size)
 
 
 def count_curved_cells(plan: SizePlan) -> int:

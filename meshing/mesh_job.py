@@ -42,7 +42,7 @@ class MeshJob:
     groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     unit: float = 1.0
     size: float | None = None
-    refinement: int = 1
+    refinement: float = 1.0
     across_patches: int = 4
     growth: float | None = None
     rims: tuple[str, ...] = ()

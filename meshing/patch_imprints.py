@@ -43,7 +43,7 @@ class OpenShape:
     size: float
     unit: float
     across: int
-    refinement: int
+    refinement: float
     polygons: bool
 
     @property

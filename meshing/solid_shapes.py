@@ -6,10 +6,13 @@ import gmsh
 
 from headstock.geometry.patches import column_cells, planar_boxes
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.meshing.cad_survey import STEP_UNIT, doubt_size
 from headstock.meshing.errors import MeshError
 
 Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]
+# OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and says nothing
+SHORTEST, LONGEST = 1e-6, 1e3  # [m]
 
 
 def build_shape(solid: Shape) -> int:
@@ -86,6 +89,10 @@ def _import_step(solid: StepFile) -> int:
         raise MeshError(f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body")
     chosen = _choose_solid(solid.solid, volumes, path.name)
     gmsh.model.occ.remove([(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True)
+    box = gmsh.model.occ.getBoundingBox(3, chosen)
+    extent = STEP_UNIT * max(box[axis + 3] - box[axis] for axis in range(3))
+    if not SHORTEST <= extent <= LONGEST:
+        raise MeshError(f"{doubt_size(path, extent)}; parts of {SHORTEST:g} to {LONGEST:g} m can be meshed and drawn")
     return chosen
 
 

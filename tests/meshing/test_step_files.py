@@ -240,6 +240,19 @@ def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> 
     assert read_length_unit(path) == name
 
 
+@pytest.mark.parametrize(("diameter", "likely"), [(12e6, "12 m if the numbers are in µm"), (1e-5, "m if the numbers are in m")])
+def test_a_part_of_kilometres_or_nanometres_is_refused_as_a_slip_of_units(
+    tmp_path: Path, kernel: None, diameter: float, likely: str
+) -> None:
+    path = tmp_path / "sphere.step"
+    gmsh.model.occ.addSphere(0, 0, 0, diameter / 2)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(path))
+    with pytest.raises(MeshError, match="slip of units") as error:
+        survey_step(StepFile(path))
+    assert likely in str(error.value)
+
+
 def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_mm(tmp_path: Path) -> None:
     path = tmp_path / "part.step"
     path.write_text("ISO-10303-21;\n#1 = ( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) );\n")
