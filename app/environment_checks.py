@@ -66,6 +66,14 @@ LIBRARIES = (
     Question("SLEPc", "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))"),
     Question("MPI library", "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())"),
     Question("gmsh", "import gmsh; print(gmsh.__version__)"),
+    Question(
+        "isolation",
+        "from headstock.meshing.guarded_process import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
+        "readers",
+        "readers of CAD, mesh and HDF5 files have limits of time and memory, but could reach other files and the network: "
+        "user namespaces (Linux 5.12 or newer) would keep them from both",
+        needed=False,
+    ),
     Question("h5py", "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)"),
     Question(
         "BLAS",

@@ -15,14 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from headstock.meshing.guarded_process import LAUNCHER_PREFIXES
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.mode_files import file_stem
 from headstock.pipeline.store import Store, read_entry, write_entry
 
 WORKER = "headstock.app.picture_worker"
 TIME_LIMIT = 120.0
-# a child that sees its parent's MPI launcher would join the parent's job
-LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 PAINTER_FILES = ("picture_scenes.py", "vtk_pictures.py", "png_images.py", "picture_worker.py")
 Wanted = Literal["machine", "all"]
 

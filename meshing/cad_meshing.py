@@ -1,6 +1,7 @@
 """Meshes a CAD shape with gmsh, or only measures it (runs in the child process)."""
 
 import dataclasses
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -203,7 +204,7 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
 
 def _generate(job: MeshJob) -> None:
     if not _mesh_acceptably():
-        limit = f"{job.memory_bytes / 2**30:.3g} GiB of memory"
+        limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
         raise MeshError(f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model")
     if job.order == 2 and not job.straight:
         gmsh.model.mesh.setOrder(2)

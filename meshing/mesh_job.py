@@ -33,8 +33,6 @@ class MeshJob:
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
-        memory_bytes: Limit on the child's address space.
-        cpu_seconds: Limit on the child's processor time.
     """
 
     task: Literal["shape", "describe", "faces", "file"]
@@ -49,8 +47,6 @@ class MeshJob:
     rim_size: float | None = None
     order: int = 2
     straight: bool = False
-    memory_bytes: int = 8 << 30
-    cpu_seconds: int = 3600
 
 
 @dataclass(frozen=True, eq=False)

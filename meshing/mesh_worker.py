@@ -5,8 +5,8 @@ import sys
 from collections.abc import Callable
 
 from headstock.meshing.errors import MeshError
+from headstock.meshing.guarded_process import accept_guard
 from headstock.meshing.mesh_job import MeshData, MeshJob, parse_job, write_data
-from headstock.meshing.process_limits import end_with_parent, set_limits
 
 REFUSED = 3
 
@@ -15,21 +15,18 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
     """Do the job that comes on standard input and write its result to a file the parent holds open.
 
     Args:
-        arguments: Process number of the parent, and number of the open file that takes the result (npz).
+        arguments: The guard, and the number of the open file that takes the result (npz).
         perform: Does the job.
 
     Returns:
         Exit code: 0 done, 3 refused for a stated reason.
     """
-    parent, result = (int(word) for word in arguments)
-    end_with_parent(parent)
-    job = parse_job(sys.stdin.read())
-    set_limits(memory_bytes=job.memory_bytes, cpu_seconds=job.cpu_seconds)
+    (result,) = accept_guard(arguments)
     try:
-        data = perform(job)
+        data = perform(parse_job(sys.stdin.read()))
     except MeshError as error:
         sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
         return REFUSED
-    with os.fdopen(result, "wb") as file:
+    with os.fdopen(int(result), "wb") as file:
         write_data(file, data)
     return 0

@@ -2,14 +2,13 @@
 
 import io
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import BinaryIO
 
 import h5py
 import numpy as np
 
+from headstock.meshing.guarded_process import ChildLimits, run_guarded
 from headstock.pipeline.atomic_files import write_atomically
 from headstock.pipeline.record_files import RecordError, read_record, write_record
 from headstock.reduction.rails import DEGREE, STATION_DOFS
@@ -23,6 +22,8 @@ REFUSED = 3
 MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
 SECONDS = 8
+# a process that waits uses no processor time; a busy machine gives one little of it
+WALL_SECONDS = 60
 
 
 def write_superelement(path: Path, superelement: Superelement) -> None:
@@ -41,6 +42,8 @@ def read_superelement(path: Path) -> Superelement:
     Raises:
         RecordError: The file is no superelement file, is damaged, or its arrays contradict each other.
     """
+    if path.exists() and not path.is_file():
+        raise RecordError(f"{path} cannot be read: it is no regular file")
     try:
         with path.open("rb") as file:
             _probe(file, path.name)
@@ -74,14 +77,19 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
 
 
 def _probe(file: BinaryIO, name: str) -> None:
-    command = [sys.executable, "-P", "-m", PROBE, str(os.getpid()), name]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    done = subprocess.run(command, stdin=file, capture_output=True, text=True, errors="replace", env=environment)
-    if done.returncode == 0:
+    size = os.fstat(file.fileno()).st_size
+    more = size // 10_000_000
+    limits = ChildLimits(MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more)
+    end = run_guarded(PROBE, [name], limits=limits, stdin=file)
+    if end.code == 0:
         return
-    message = next((line for line in reversed(done.stderr.splitlines()) if line.strip()), "no message")
-    if done.returncode != REFUSED:
-        message = f"{name} is damaged: the process that read it within its limits ended with code {done.returncode} ({message})"
+    message = end.last_line
+    if end.out_of_time:
+        message = f"{name}: reading it took more than {end.out_of_time}; {end.time_remedy or 'it is damaged: export it again'}"
+    elif end.out_of_memory:
+        message = f"{name}: reading it needed more than {end.memory_limit}; {end.memory_remedy or 'it is damaged: export it again'}"
+    elif end.code != REFUSED:
+        message = f"{name} is damaged: the process that read it within its limits ended with code {end.code} ({message})"
     raise RecordError(message)
 
 

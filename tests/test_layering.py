@@ -143,7 +143,12 @@ def text_files() -> Iterator[Path]:
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ""} and path.is_file():
                 yield path
-    yield from (path for path in sorted(ROOT.iterdir()) if path.is_file() and path.suffix in {"", ".md", ".toml", ".in"})
+    # a worktree has a file .git, which names the folder of the clone it belongs to
+    yield from (
+        path
+        for path in sorted(ROOT.iterdir())
+        if path.is_file() and path.suffix in {"", ".md", ".toml", ".in"} and path.name != ".git"
+    )
 
 
 def test_no_line_names_a_folder_of_one_machine_or_a_host_of_packages() -> None:

@@ -13,9 +13,9 @@ BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
 
 
 def test_child_that_needs_more_memory_than_allowed_is_named() -> None:
-    job = MeshJob("shape", BOX, size=6.0, straight=True, memory_bytes=350 << 20)
+    job = MeshJob("shape", BOX, size=6.0, straight=True)
     with pytest.raises(MeshError, match=r"column: .*memory"):
-        run_job(job, what="column", time_limit=60.0)
+        run_job(job, what="column", time_limit=60.0, memory_bytes=350 << 20)
 
 
 def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -> None:
@@ -45,7 +45,7 @@ def test_child_does_not_see_the_mpi_launcher(monkeypatch: pytest.MonkeyPatch) ->
         seen.update(env)
         raise OSError("recorded")
 
-    monkeypatch.setattr("subprocess.run", record)
+    monkeypatch.setattr("subprocess.Popen", record)
     with pytest.raises(OSError, match="recorded"):
         run_job(MeshJob("describe", BOX), what="column", time_limit=1.0)
     assert not any(name.startswith(("OMPI_", "PMIX_")) for name in seen)

@@ -1,0 +1,345 @@
+"""Child processes that read files of strangers: how they are started, which limits they take, what they see.
+
+A child imports what it needs, calls `accept_guard` and only then opens the file. From there on it has limits on its address
+space, processor time, wall-clock time and written files, and where the kernel grants user namespaces it has no capabilities, no
+network, no other processes, and a file system of read-only binds and one scratch folder in memory.
+"""
+
+import ctypes
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+# gmsh may be linked with MPI: a child that sees its parent's launcher variables would join the parent's job
+LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
+# a process with threads is not let into a user namespace
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+GRACE_SECONDS = 2
+# what libraries say that got no memory; the last two come from the dynamic loader and from threads that could not start
+OUT_OF_MEMORY = (
+    "MemoryError",
+    "bad_alloc",
+    "annot allocate memory",
+    "unable to map",
+    "failed to map segment",
+    "Resource temporarily unavailable",
+)
+SCRATCH_BYTES = 64 << 20
+# what shared libraries and Python are made of; of /etc only what the loader reads
+SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/etc/alternatives", "/etc/ld.so.cache")
+DEVICES = ("/dev/null", "/dev/zero", "/dev/urandom")
+# where the new view grows, in a mount namespace of its own: no file of a user lies below
+STAGE = "/proc"
+
+# mount(2), prctl(2), mount_setattr(2), pivot_root(2), capset(2)
+MS_NOSUID, MS_NODEV, MS_BIND, MS_REC, MS_PRIVATE, MNT_DETACH = 2, 4, 4096, 16384, 1 << 18, 2
+PR_SET_PDEATHSIG, PR_CAPBSET_DROP, PR_SET_NO_NEW_PRIVS = 1, 24, 38
+SYS_MOUNT_SETATTR, MOUNT_ATTR_RDONLY, AT_FDCWD, AT_RECURSIVE = 442, 1, -100, 0x8000
+SYS_PIVOT_ROOT = {"x86_64": 155, "aarch64": 41}
+CAPABILITY_VERSION_3 = 0x20080522
+
+
+@dataclass(frozen=True)
+class ChildLimits:
+    """What a child may use.
+
+    Attributes:
+        memory_bytes: Of address space, and of each file it writes.
+        cpu_seconds: Of processor time.
+        wall_seconds: From its start.
+    """
+
+    memory_bytes: int
+    cpu_seconds: int
+    wall_seconds: float
+
+    def within_shell(self) -> "ChildLimits":
+        """These limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where they are lower."""
+        return ChildLimits(
+            _at_most(resource.RLIMIT_AS, self.memory_bytes), _at_most(resource.RLIMIT_CPU, self.cpu_seconds), self.wall_seconds
+        )
+
+
+@dataclass(frozen=True)
+class ChildEnd:
+    """How a child ended.
+
+    Attributes:
+        code: Exit code; minus the number of the signal that ended it.
+        errors: What it wrote on standard error.
+        limits: The limits it had.
+        wanted: The limits it was meant to have.
+    """
+
+    code: int
+    errors: str
+    limits: ChildLimits
+    wanted: ChildLimits
+
+    @property
+    def last_line(self) -> str:
+        """The last line it wrote on standard error."""
+        return next((line for line in reversed(self.errors.splitlines()) if line.strip()), "no message")
+
+    @property
+    def out_of_time(self) -> str | None:
+        """Which time limit it met, in words, or None."""
+        if self.code == -signal.SIGALRM:
+            return f"{self.limits.wall_seconds:g} s"
+        return f"{self.limits.cpu_seconds} s of processor time" if self.code == -signal.SIGXCPU else None
+
+    @property
+    def time_remedy(self) -> str | None:
+        """What to do where the calling shell set the limit of processor time."""
+        bound = self.code == -signal.SIGXCPU and self.limits.cpu_seconds < self.wanted.cpu_seconds
+        return "this shell allows no more (ulimit -t)" if bound else None
+
+    @property
+    def out_of_memory(self) -> bool:
+        """Whether it met its limit of memory."""
+        return any(text in self.errors for text in OUT_OF_MEMORY)
+
+    @property
+    def memory_limit(self) -> str:
+        """The limit of memory in words."""
+        return f"the limit of {self.limits.memory_bytes / 2**30:.3g} GiB of memory"
+
+    @property
+    def memory_remedy(self) -> str | None:
+        """What to do where the calling shell set the limit of memory."""
+        bound = self.limits.memory_bytes < self.wanted.memory_bytes
+        return f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted" if bound else None
+
+
+def run_guarded(
+    module: str,
+    words: Sequence[str],
+    *,
+    limits: ChildLimits,
+    readable: Sequence[Path] = (),
+    stdin: str | BinaryIO = "",
+    result: BinaryIO | None = None,
+) -> ChildEnd:
+    """Run a module that calls `accept_guard` in a child process.
+
+    Args:
+        module: Name of the module.
+        words: Its arguments.
+        limits: What it may use at most.
+        readable: Files it may read; of its own code and the system's libraries it sees what it needs.
+        stdin: Text, or an open file.
+        result: Open file it may write; its number is the last argument.
+    """
+    wanted, limits = limits, limits.within_shell()
+    guard = {"parent": os.getpid(), "readable": [str(path) for path in readable], **asdict(limits)}
+    passed = [] if result is None else [result.fileno()]
+    # -P: a module in the user's working folder must not stand in for ours
+    command = [sys.executable, "-P", "-m", module, json.dumps(guard), *words, *map(str, passed)]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)}
+    environment |= {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    given = stdin.encode() if isinstance(stdin, str) else None
+    with subprocess.Popen(
+        command,
+        env=environment,
+        stdin=subprocess.PIPE if isinstance(stdin, str) else stdin,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        pass_fds=passed,
+    ) as child:
+        try:
+            _, errors = child.communicate(given, timeout=limits.wall_seconds)
+            code = child.returncode
+        except subprocess.TimeoutExpired:
+            child.kill()
+            _, errors = child.communicate()
+            code = -signal.SIGALRM
+        except BaseException:
+            child.kill()
+            raise
+    return ChildEnd(code, errors.decode(errors="replace"), limits, wanted)
+
+
+def accept_guard(arguments: Sequence[str]) -> list[str]:
+    """Take the guard that `run_guarded` wrote as the first argument; call it once everything is imported and nothing is read.
+
+    Returns:
+        The other arguments.
+    """
+    guard = json.loads(arguments[0])
+    _end_with_parent(guard["parent"])
+    _set_limits(guard["memory_bytes"], guard["cpu_seconds"])
+    isolate(guard["readable"])
+    # also ends a child that nobody waits for
+    signal.setitimer(signal.ITIMER_REAL, guard["wall_seconds"] + GRACE_SECONDS)
+    return list(arguments[1:])
+
+
+def isolate(readable: Sequence[str]) -> str | None:
+    """Continue in a process without capabilities, network and other processes that sees the given files and the code only.
+
+    Where the kernel refuses, the process goes on as it is.
+
+    Args:
+        readable: Files that stay visible under the names they are given here, read-only.
+
+    Returns:
+        What the kernel refused, or None.
+    """
+    uid, gid = os.geteuid(), os.getegid()
+    opened = {}
+    for path in readable:
+        try:
+            opened[str(Path.cwd() / path)] = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError:
+            continue  # whoever reads it says why
+    try:
+        apart = os.CLONE_NEWNS | os.CLONE_NEWPID | os.CLONE_NEWNET | os.CLONE_NEWIPC | os.CLONE_NEWUTS
+        os.unshare(os.CLONE_NEWUSER | apart)
+        for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
+            Path("/proc/self", name).write_text(text)
+        # no further namespaces from inside: they are a way to parts of the kernel that an ordinary process cannot reach
+        Path("/proc/sys/user/max_user_namespaces").write_text("0")
+        _continue_in_child(PR_SET_PDEATHSIG)
+        _build_view(opened)
+        _drop_capabilities()
+        _continue_in_child(None)
+    except OSError as error:
+        return f"{error.strerror}" + (f" ({error.filename})" if error.filename else "")
+    finally:
+        for handle in opened.values():
+            os.close(handle)
+    return None
+
+
+def _at_most(kind: int, wanted: int) -> int:
+    allowed = min((limit for limit in resource.getrlimit(kind) if limit != resource.RLIM_INFINITY), default=wanted)
+    return min(wanted, allowed)
+
+
+def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
+    """Bound this process as far as it is not bound more tightly; no core dump when it meets a limit."""
+    for kind, wanted, hard in (
+        (resource.RLIMIT_CORE, 0, 0),
+        (resource.RLIMIT_AS, memory_bytes, memory_bytes),
+        (resource.RLIMIT_FSIZE, memory_bytes, memory_bytes),
+        # the soft limit ends the process by SIGXCPU, which tells it from a kill for lack of memory
+        (resource.RLIMIT_CPU, cpu_seconds, cpu_seconds + GRACE_SECONDS),
+    ):
+        resource.setrlimit(kind, (_at_most(kind, wanted), _below_hard(kind, hard)))
+
+
+def _below_hard(kind: int, wanted: int) -> int:
+    hard = resource.getrlimit(kind)[1]
+    return wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+
+
+def _end_with_parent(parent: int) -> None:
+    """Die when the parent does, so that a killed run leaves no child behind (Linux; elsewhere the alarm ends it)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it died before we asked
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _continue_in_child(death_signal: int | None) -> None:
+    """Fork; the parent waits, ends as the child does and never returns.
+
+    The first process of a process namespace ignores the signals by which limits end a process, so the work is done by the second.
+    """
+    child = os.fork()
+    if child == 0:
+        if death_signal is not None:
+            _call("prctl", death_signal, signal.SIGKILL)
+        return
+    _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0 and death_signal is None:
+        os._exit(128 - code)
+    if code > 128:
+        signal.signal(code - 128, signal.SIG_DFL)
+        os.kill(os.getpid(), code - 128)
+    os._exit(code if code >= 0 else 128 - code)
+
+
+def _build_view(opened: dict[str, int]) -> None:
+    """Replace the file system of this mount namespace."""
+    folder = Path.cwd()
+    _call("mount", None, b"/", None, MS_REC | MS_PRIVATE, None)
+    size = SCRATCH_BYTES + sum(os.fstat(handle).st_size for handle in opened.values())
+    _call("mount", b"tmpfs", STAGE.encode(), b"tmpfs", MS_NOSUID | MS_NODEV, f"size={size},mode=755".encode())
+    for source in (*SYSTEM, *_code_folders()):
+        _show(source)
+    for device in DEVICES:
+        _show(device, attributes=0)
+    for path, handle in opened.items():
+        _show(path)
+        # root without capabilities may not read what belongs to others
+        if not os.access(STAGE + path, os.R_OK):
+            _call("umount2", (STAGE + path).encode(), MNT_DETACH)
+            with os.fdopen(os.dup(handle), "rb") as source_file, Path(STAGE + path).open("wb") as copy:
+                shutil.copyfileobj(source_file, copy)
+    for place in ("/tmp", str(folder)):
+        Path(STAGE + place).mkdir(parents=True, exist_ok=True)
+    os.chdir(STAGE)
+    # the old root comes to lie on top of the new one and is taken away (pivot_root(2), notes)
+    _syscall(SYS_PIVOT_ROOT[os.uname().machine], b".", b".")
+    _call("umount2", b".", MNT_DETACH)
+    os.chdir(folder)
+
+
+def _code_folders() -> list[str]:
+    """Folders of this program and of the Python that runs it, links resolved, outer ones first."""
+    ours = {
+        Path(module.__file__).resolve().parent
+        for name, module in sys.modules.items()
+        if name.startswith("headstock.") and module.__file__
+    }
+    paths = {Path(path).resolve() for path in (*sys.path, sys.prefix, sys.base_prefix) if path.startswith("/")}
+    return sorted(str(path) for path in ours | paths if path.exists() and path != Path("/"))
+
+
+def _show(path: str, attributes: int = MOUNT_ATTR_RDONLY) -> None:
+    """Bind a file or folder under its own name in the new view, unless it is there already."""
+    target = Path(STAGE + path)
+    if not os.path.lexists(path) or os.path.lexists(target):
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if Path(path).is_symlink() and path in SYSTEM:
+        target.symlink_to(Path(path).readlink())
+        return
+    if Path(path).is_dir():
+        target.mkdir()
+    else:
+        target.touch()
+    _call("mount", path.encode(), str(target).encode(), None, MS_BIND | MS_REC, None)
+    if attributes:
+        # struct mount_attr: set, clear, propagation, user namespace
+        wanted = (ctypes.c_uint64 * 4)(attributes, 0, 0, 0)
+        _syscall(SYS_MOUNT_SETATTR, AT_FDCWD, str(target).encode(), AT_RECURSIVE, wanted, ctypes.c_size_t(ctypes.sizeof(wanted)))
+
+
+def _drop_capabilities() -> None:
+    _call("prctl", PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    for capability in range(64):
+        if ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, capability, 0, 0, 0) != 0:
+            break  # the kernel knows no more
+    header = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION_3, 0)
+    _call("capset", header, (ctypes.c_uint32 * 6)())
+
+
+def _syscall(number: int, *arguments: object) -> None:
+    _call("syscall", ctypes.c_long(number), *arguments)
+
+
+def _call(name: str, *arguments: object) -> None:
+    if ctypes.CDLL(None, use_errno=True)[name](*arguments) == -1:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code), name)
