@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from headstock.app.console import WIDTH_WITHOUT_TERMINAL, make_console, make_table, print_table, spaced
+from headstock.app.console import make_console, make_table, print_table, spaced
 from headstock.app.summary_tables import PlainTable, encode_csv
 from headstock.pipeline.json_texts import Json
 from headstock.reduction.mode_naming import WHOLE_MACHINE
@@ -14,7 +14,7 @@ from headstock.reduction.mode_naming import WHOLE_MACHINE
 DIRECTIONS = ("x", "y", "z")
 MISSING = "–"
 ALIKE = 0.9
-NAME_WIDTH, CELL_WIDTH = 40, 19
+NAME_WIDTH = 40  # of the first column where there is no terminal
 STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
 
 
@@ -25,7 +25,7 @@ def print_variant(name: str, runs: Json) -> None:
         steps = ", ".join(f"{STEP_NAMES[step]} {effort['seconds'][step]:.2f}" for step in STEP_NAMES)
         stored = f", {describe_store(effort)}" if effort["elastic_components"] else ""
         parts.append(f"  {name if run == 'first' else run:<16} {effort['seconds']['total']:6.2f} s  {steps}{stored}")
-    make_console().print("\n".join(parts), markup=False, no_wrap=True, overflow="ellipsis")
+    make_console().print("\n".join(parts), markup=False, soft_wrap=True)
 
 
 def describe_store(effort: Json) -> str:
@@ -41,10 +41,10 @@ def describe_store(effort: Json) -> str:
 def print_comparison(summary: Json) -> None:
     """The table a designer decides from: modes, compliances, weak links, and what each variant costs."""
     variants = summary["variants"]
-    console = _wide_console(list(variants))
+    console = make_console()
     console.print()
     table = make_table("", *(f">{name}" for name in variants))
-    table.columns[0].min_width = table.columns[0].max_width = NAME_WIDTH if not console.is_terminal else None
+    table.columns[0].min_width = NAME_WIDTH if not console.is_terminal else None
     if summary["modes"]:
         _add_heads(table, "Natural frequencies [Hz]", [_describe_fidelity(variant) for variant in variants.values()])
         alike = alike_rigid_modes(summary)
@@ -93,7 +93,7 @@ def print_effort(summary: Json) -> None:
         return
     change = summary["effort"]["change"]
     runs = ["first", "changed"] if change else ["first"]
-    console = _wide_console(["variant", *runs, *runs])
+    console = make_console()
     table = make_table("variant", *(f">{run} model, s" for run in runs), *(f">{run}, CPU s" for run in runs), "of it")
     for name, efforts in summary["effort"]["variants"].items():
         steps = ", ".join(f"{STEP_NAMES[step]} {efforts[runs[-1]]['seconds'][step]:.3f}" for step in STEP_NAMES)
@@ -151,14 +151,6 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
         ),
     )
     return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
-
-
-def _wide_console(names: list[str]) -> Console:
-    """A console as wide as the table needs where there is no terminal: a pipe has no edge."""
-    console = make_console()
-    if not console.is_terminal:
-        console.width = max(WIDTH_WITHOUT_TERMINAL, NAME_WIDTH + 4 + sum(max(CELL_WIDTH, len(name)) + 2 for name in names))
-    return console
 
 
 def _add_heads(table: Table, title: str, cells: list[str]) -> None:

@@ -1,14 +1,14 @@
 """What the terminal shows: stages as they end, and a summary in tables; reads well at 100 columns and without a terminal."""
 
-import math
 import os
 import sys
 from collections.abc import Sequence
 from typing import Any, TextIO
 
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from headstock.app.control_tables import list_control
@@ -16,12 +16,14 @@ from headstock.app.error_texts import (
     accuracy_words,
     print_error_shares,
     print_response_error,
-    show_error,
-    show_frequency,
-    show_plain_error,
-    show_size,
+    show_bound,
+    show_bounded,
+    show_compliances,
+    show_damped,
+    show_damping,
     show_span,
 )
+from headstock.geometry.machines import show_position
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, StageRecord
@@ -68,7 +70,7 @@ def print_stage(record: StageRecord) -> None:
         make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
         return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
-    make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
+    make_console().print(line, markup=False, soft_wrap=True)
 
 
 def print_plan(name: str, plan: Plan) -> None:
@@ -158,18 +160,30 @@ def _print_point(console: Console, name: str, point: Json, pose: str) -> None:
     known = any(error is not None for error in errors.values())
     table = make_table("force", *(f">moves {direction}" for direction in "xyz"), *([">± along the force"] if known else []))
     matrix = point["compliance_um_per_kN"]
-    stiffest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
-    decimals = min(9, max(0, 3 - math.floor(math.log10(stiffest))))
     # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
     for column, direction in enumerate("xyz"):
-        error = [show_size(errors.get(direction))] if known else []
-        add_row(table, direction, *(f"{matrix[row][column]:.{decimals}f}" for row in range(3)), *error)
+        moved = show_compliances(matrix, column, errors.get(direction))
+        add_row(table, direction, *moved, *([show_bound(matrix[column][column], errors.get(direction))] if known else []))
     print_table(console, f"Static compliance at {name}{f' in pose {pose}' if pose else ''} [µm/kN]", table)
-    for direction, shares in point["budget"].items():
+    for direction, shares in shared_budget(point).items():
         _print_budget(console, direction, shares)
     if point["sentence"]:
         console.print(f"\n{point['sentence']}", markup=False)
     console.print()
+
+
+def shared_budget(point: Json) -> dict[str, dict[str, float]]:
+    """The budget of a point; empty where one part alone gives way, which says nothing."""
+    budget: dict[str, dict[str, float]] = point["budget"]
+    return budget if any(len(shares) > 1 for shares in budget.values()) else {}
+
+
+def describe_position(modes: Json) -> str:
+    """Where the axes stand in the pose of some modes: ``Y = 30 mm``."""
+    units = modes["pose_units"]
+    return ", ".join(
+        f"{axis} = {show_position(position, units[axis])}" for axis, position in modes["pose"].items() if axis in units
+    )
 
 
 def _print_budget(console: Console, direction: str, shares: dict[str, float]) -> None:
@@ -178,51 +192,54 @@ def _print_budget(console: Console, direction: str, shares: dict[str, float]) ->
     for index, (name, share) in enumerate(shown):
         head = f"budget {direction}" if index == 0 else ""
         bar = "█" * max(1, round(BAR_LENGTH * share))
-        console.print(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, no_wrap=True)
+        console.print(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True)
     rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
     if rest >= SMALLEST_SHARE:
-        console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False)
+        console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True)
 
 
 def _describe_pose(modes: Json) -> str:
-    positions = ", ".join(f"{axis} = {position:g}" for axis, position in modes["pose"].items())
-    return str(modes["pose_name"]) + (f" ({positions}; m, rad)" if positions else "")
+    positions = describe_position(modes)
+    return str(modes["pose_name"]) + (f" ({positions})" if positions else "")
 
 
 def _mode_table(modes: Json) -> Table:
     damped = any(ratio is not None for ratio in modes["damping_ratio"])
     known = any(error is not None for error in modes["error_hz"][modes["rigid_count"] :])
     spans = modes.get("interface_spread_hz", [])
+    shared = any(len(shares) > 1 for shares in modes["energy_share"])
     table = make_table(
         ">no.",
-        ">Hz",
-        *(["± Hz"] if known else []),
-        *(["interfaces"] if spans else []),
-        *([">damping %"] if damped else []),
+        ">undamped Hz" if damped else ">Hz",
+        *(["<± Hz"] if known else []),
+        *([">damped Hz", ">damping"] if damped else []),
+        *(["<interfaces Hz"] if spans else []),
         "mode",
-        "strain energy in",
+        *(["strain energy in"] if shared else []),
     )
-    for column in table.columns[1 : 2 + known + bool(spans)]:
-        column.no_wrap = True
-    rows = zip(modes["frequencies_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True)
-    for index, (frequency, ratio, name, shares) in enumerate(rows):
-        rigid, error = index < modes["rigid_count"], modes["error_hz"][index]
-        shown = ["0" if rigid else show_frequency(frequency, error)]
+    for index, (frequency, error) in enumerate(zip(modes["frequencies_hz"], modes["error_hz"], strict=True)):
+        rigid = index < modes["rigid_count"]
+        cells = [str(index + 1), "0" if rigid else show_bounded(frequency, error)]
         if known:
-            shown.append("" if rigid else show_error(error))
+            cells.append("" if rigid else show_bound(frequency, error))
+        if damped:
+            cells += [show_damped(modes, index), show_damping(modes["damping_ratio"][index])]
         if spans:
-            shown.append(show_span(spans[index]))
-        percent = [] if not damped else ["-" if ratio is None else f"{100.0 * ratio:.3f}"]
-        add_row(table, str(index + 1), *shown, *percent, name, _top_shares(shares))
+            cells.append(show_span(spans[index]))
+        cells.append(modes["mode_names"][index])
+        add_row(table, *cells, *([_top_shares(modes["energy_share"][index])] if shared else []))
     return table
 
 
 def make_table(*headings: str) -> Table:
-    """A light table; a heading that starts with ``>`` is for numbers."""
+    """A light table; a heading that starts with ``>`` is for numbers, with ``<`` for texts that are never broken."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         # headings of some tables come from scenes: a bracket in one is no markup
-        table.add_column(Text(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
+        whole = heading[:1] in (">", "<")
+        table.add_column(
+            Text(heading[whole:]), justify="right" if heading.startswith(">") else "left", no_wrap=whole, overflow="fold"
+        )
     return table
 
 
@@ -233,9 +250,65 @@ def add_row(table: Table, *cells: str) -> None:
 
 
 def print_table(console: Console, title: str, table: Table) -> None:
-    """Print a table under a bold title."""
-    console.print(title, style="bold", markup=False)
-    console.print(table)
+    """Print a table under a bold title; nothing in it is cut.
+
+    Where it is wider than the console, headings and texts are broken between words; if that is not enough, the last columns of texts
+    are left out, which is said, and then the table is printed wider than the console. A pipe has no edge: nothing is left out there.
+    """
+    edge = console.width if console.is_terminal or "COLUMNS" in os.environ else None
+    columns = list(table.columns)
+    while edge is not None and _is_spare(columns) and _spread_out([_least_width(column) for column in columns]) > edge:
+        columns.pop()
+    widths = _share_width(columns, console.width)
+    fitted = Table(box=table.box, pad_edge=False)
+    for index, (column, width) in enumerate(zip(columns, widths, strict=True)):
+        # rich counts a padding at the edges that it then leaves out
+        edges = (index == 0) + (index == len(columns) - 1)
+        fitted.add_column(column.header, justify=column.justify, width=width - edges, overflow="fold")
+    cells = [list(column.cells) for column in columns]
+    for index, row in enumerate(table.rows):
+        fitted.add_row(*(column[index] for column in cells), end_section=row.end_section)
+    console.print(title, style="bold", markup=False, soft_wrap=True)
+    width = console.width
+    console.width = max(width, _spread_out(widths))
+    console.print(fitted)
+    console.width = width
+    if len(columns) < len(table.columns):
+        left_out = ", ".join(str(column.header) for column in table.columns[len(columns) :])
+        console.print(f"  left out at {edge} columns: {left_out}", markup=False, soft_wrap=True)
+
+
+def _is_spare(columns: Sequence[Column]) -> bool:
+    """Whether the last column may be left out: texts, and not the only ones."""
+    return not columns[-1].no_wrap and any(not column.no_wrap for column in columns[:-1])
+
+
+def _spread_out(widths: Sequence[int]) -> int:
+    """Width of a table: one character at each edge, three between columns."""
+    return sum(widths) + 3 * len(widths) - 1
+
+
+def _share_width(columns: Sequence[Column], available: int) -> list[int]:
+    """Width of each column: the widest give way first, none below what its numbers or longest word need."""
+    least = [_least_width(column) for column in columns]
+    widths = [max(low, _natural_width(column)) for low, column in zip(least, columns, strict=True)]
+    while _spread_out(widths) > available and widths != least:
+        widest = max(range(len(widths)), key=lambda index: (widths[index] > least[index], widths[index]))
+        widths[widest] -= 1
+    return widths
+
+
+def _natural_width(column: Column) -> int:
+    return max(cell_len(line) for part in (column.header, *column.cells) for line in str(part).split("\n"))
+
+
+def _least_width(column: Column) -> int:
+    words = [*str(column.header).split(), *(word for cell in column.cells for word in _unbroken(column, str(cell)))]
+    return max([column.min_width or 1, *(cell_len(word) for word in words)])
+
+
+def _unbroken(column: Column, cell: str) -> list[str]:
+    return cell.split("\n") if column.no_wrap else cell.split()
 
 
 def _print_rows(console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -267,7 +340,7 @@ def _response_table(ports: Sequence[Json]) -> Table:
             numbers += ["-" if port[key] is None else f"{port[key]:.4g}" for key in keys]
             error = port.get("worst_real_error_um_per_kN")
             if error is not None and port[keys[0]] is not None:
-                numbers[1] += f" {show_plain_error(error)}"
+                numbers[1] = f"{show_bounded(port[keys[0]], error)} {show_bound(port[keys[0]], error)}"
             add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
     return table
 
@@ -279,9 +352,7 @@ def _path_title(path: Json) -> str:
 
 
 def _path_table(path: Json) -> Table:
-    table = make_table("feed", "at", "zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
-    for column in table.columns:
-        column.no_wrap = True
+    table = make_table("feed", "<at", "<zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
     for run in path["feeds"]:
         for output in run["outputs"]:
             unit = "urad" if output["port"][1].startswith("r") else "um"

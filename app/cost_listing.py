@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from headstock.app.console import add_row, make_console, make_table, print_table, spaced
+from headstock.app.error_texts import show_bound, show_bounded
 from headstock.app.summary_tables import PlainTable
 from headstock.pipeline.cost_points import CostPoint, cheapest_within
 from headstock.pipeline.json_texts import Json
@@ -32,7 +33,9 @@ def print_costs(points: Sequence[CostPoint]) -> None:
 
 def _show_seconds(point: CostPoint) -> str:
     median, spread = point.cpu_seconds
-    return f"{median:.3g} ± {spread / 2.0:.1g}" if len(point.row.record.cpu_seconds) > 1 else f"{median:.3g}"
+    if len(point.row.record.cpu_seconds) < 2:
+        return f"{median:.3g}"
+    return f"{show_bounded(median, spread / 2.0)} {show_bound(median, spread / 2.0)}"
 
 
 def _mark(point: CostPoint) -> str:

@@ -1,44 +1,120 @@
-"""How error estimates read: ``77.4 ± 0.6``, the share of each source, and what is not in them."""
+"""How values and their errors read: one rounding rule, ``77.4 ± 0.6``, for terminal, report and CSV; and what is in an error.
+
+An error keeps two digits where it begins with 1 or 2, else one, and is never rounded down; its value ends at the same decimal. A value
+has at most five significant digits: an error below its last one is shown as less than that digit.
+"""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
 from rich.console import Console
 
 from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.json_texts import Json
 
-MOST_DECIMALS = 3
+MOST_DIGITS = 5  # significant ones of a value, however small its error is
+LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
+LEAST_POSITIONAL = -9  # power of ten of the last digit; below it numbers are written with an exponent
 NO_BOUND = "± ?"
 
 
-def error_decimals(error: float) -> int:
-    """Decimals that an error leaves worth printing: to its first digit, at most three."""
-    return min(MOST_DECIMALS, max(0, -math.floor(math.log10(error)))) if error > 0.0 else MOST_DECIMALS
+def bound_size(value: float, error: float | None) -> float | None:
+    """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit that the value may have."""
+    size = _round(value, error).size
+    return None if size is None else float(size)
 
 
-def show_frequency(hz: float, error: float | None) -> str:
-    """A frequency with the decimals that its error leaves; three where it is not known."""
-    return f"{hz:.{MOST_DECIMALS if error is None else error_decimals(error)}f}"
+def show_bound(value: float, error: float | None) -> str:
+    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error is known."""
+    found = _round(value, error)
+    return NO_BOUND if found.size is None else f"± {'<' if found.below else ''}{_write(found.size)}"
 
 
-def show_error(error: float | None) -> str:
-    """An error to its first digit, never rounded down."""
-    if error is None:
-        return NO_BOUND
-    if error < 10.0**-MOST_DECIMALS:
-        return f"± <{10.0**-MOST_DECIMALS:g}"
-    scale = 10.0 ** math.floor(math.log10(error))
-    return f"± {math.ceil(error / scale - 1e-9) * scale:.{error_decimals(error)}f}"
+def show_bounded(value: float, error: float | None = None) -> str:
+    """A value to the decimal at which its error ends."""
+    last = _round(value, error).last
+    return "0" if last is None else _write(Decimal(repr(float(value))).quantize(last, rounding=ROUND_HALF_EVEN))
 
 
 def show_size(error: float | None) -> str:
-    """An error to its first digit however small it is, never rounded down."""
-    if error is None or error <= 0.0:
-        return NO_BOUND if error is None else "± 0"
-    decimals = -math.floor(math.log10(error))
-    rounded = math.ceil(error * 10.0**decimals - 1e-9) / 10.0**decimals
-    return f"± {rounded:.{max(0, decimals)}f}"
+    """An error by itself, rounded as behind ±."""
+    size = _round(0.0, error).size
+    return "?" if size is None else _write(size)
+
+
+def show_compliances(matrix: Sequence[Sequence[float]], column: int, error: float | None) -> list[str]:
+    """Motions in x, y and z under a force in one direction: all to the decimal of the one along the force.
+
+    Args:
+        matrix: ``(3, 3)`` compliances, a column per force.
+        column: Direction of the force.
+        error: How far the compliance along the force may be off.
+    """
+    last = _round(matrix[column][column], error).last
+    return [
+        show_bounded(row[column]) if last is None else _write(Decimal(repr(float(row[column]))).quantize(last, ROUND_HALF_EVEN))
+        for row in matrix
+    ]
+
+
+def show_damped(modes: Json, index: int) -> str:
+    """Frequency of the damped oscillation of a mode, as many decimals as its undamped one."""
+    damped = modes["damped_hz"][index]
+    if damped is None:
+        return "-"
+    last = _round(modes["frequencies_hz"][index], modes["error_hz"][index]).last
+    return "overdamped" if damped == 0.0 else _write(Decimal(repr(float(damped))).quantize(last)) if last is not None else "-"
+
+
+def show_damping(ratio: float | None) -> str:
+    """A damping ratio in per cent, to three digits."""
+    if ratio is None:
+        return "-"
+    exact = Decimal(repr(100.0 * float(ratio)))
+    return f"{_write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 2)) if exact else exact)} %"
+
+
+@dataclass(frozen=True)
+class _Rounded:
+    """An error as it is printed (None: not known), whether it is below what is printed, and the last digit of its value."""
+
+    size: Decimal | None
+    below: bool
+    last: Decimal | None
+
+
+def _round(value: float, error: float | None) -> _Rounded:
+    if error is None or not math.isfinite(error):
+        return _Rounded(None, below=False, last=_last_digit(value))
+    # nine digits: a unit of roundoff is no reason to round up
+    exact, finest = Decimal(f"{abs(error):.9e}"), _last_digit(value)
+    if finest is not None and exact < finest:
+        return _Rounded(finest, below=True, last=finest)
+    if not exact:
+        return _Rounded(Decimal(0), below=False, last=None)
+    size = exact
+    for _ in range(2):  # 0.296 rises to 0.30, which begins with 3: 0.3
+        digit = _error_digit(size)
+        size = size.quantize(digit if finest is None else max(digit, finest), rounding=ROUND_CEILING)
+    return _Rounded(size, below=False, last=Decimal(1).scaleb(int(size.as_tuple().exponent)))
+
+
+def _error_digit(error: Decimal) -> Decimal:
+    """The last digit that is worth printing of an error."""
+    place = error.adjusted()
+    return Decimal(1).scaleb(place - 1 if error.scaleb(-place) < LARGE_FIRST_DIGIT else place)
+
+
+def _last_digit(value: float) -> Decimal | None:
+    return Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - MOST_DIGITS + 1) if value else None
+
+
+def _write(number: Decimal) -> str:
+    if not number:
+        return "0"
+    return f"{number:e}" if int(number.as_tuple().exponent) < LEAST_POSITIONAL else f"{number:f}"
 
 
 def show_span(span: Sequence[float] | None) -> str:
@@ -70,15 +146,10 @@ def error_words(modes: Json) -> list[str]:
 
 def print_error_shares(console: Console, modes: Json) -> None:
     """Print where the errors of a pose's frequencies come from."""
-    found = ", ".join(f"{source} up to {size:.2g} Hz" for source, size in largest_shares(modes).items())
+    found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
     for words in [f"± from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
-
-
-def show_plain_error(error: float) -> str:
-    """An error to two digits."""
-    return f"± {error:.2g}"
 
 
 def response_error_words(response: Json) -> list[str]:

@@ -17,10 +17,10 @@ RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "
 
 
 def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
-    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/N as machine tool builders write them."""
+    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as everywhere but in files in SI."""
     turns, moment = output[1].startswith("r"), given[1].startswith("r")
     if motion == "receptance" and not turns and not moment:
-        return "µm/N", 1e6
+        return "µm/kN", 1e9
     return f"{'rad' if turns else 'm'}{RATES[motion]} per {'N m' if moment else 'N'}", 1.0
 
 

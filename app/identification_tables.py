@@ -29,7 +29,7 @@ def print_start(record: StartRecord) -> None:
     moved = f", {record.exchanges} exchange(s) of modes" if record.exchanges else ""
     cost = f"{2.0 * record.cost:12.5g}"
     line = f"  start  sum of squares {cost}  {record.evaluations:4d} evaluations{moved}{refused}  {record.reason}"
-    make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
+    make_console().print(line, markup=False, soft_wrap=True)
 
 
 def print_identification(found: Identification, folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 import base64
 import functools
-import math
+import re
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -11,8 +11,19 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from headstock.app.console import sort_shares
-from headstock.app.error_texts import error_words, largest_shares, response_error_words
+from headstock.app.console import shared_budget, sort_shares
+from headstock.app.error_texts import (
+    NO_BOUND,
+    error_words,
+    largest_shares,
+    response_error_words,
+    show_bound,
+    show_bounded,
+    show_compliances,
+    show_damped,
+    show_damping,
+    show_size,
+)
 from headstock.app.frf_tables import tabulate_response
 from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
@@ -24,6 +35,7 @@ from headstock.app.report_notes import judge_numbers
 from headstock.app.report_path import draw_path
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
 from headstock.app.viewer_data import EncodedMachine, encode_machine
+from headstock.geometry.machines import show_position
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, component_colors
@@ -123,19 +135,31 @@ def format_number(value: float, digits: int = 4) -> str:
     return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
 
 
-def show_error_size(value: float | None) -> Markup:
-    """An error to two significant digits."""
-    if value is None or value == 0.0 or not 1e-4 <= value < 10.0:
-        return show_number(value, 3 if value and value < 1e-4 else 2, "not estimated")
-    return _data(value, f"{value:.{1 - math.floor(math.log10(value))}f}")
+def _bounded(value: float, error: float | None) -> Markup:
+    """A value to the decimal at which its error ends."""
+    return _data(value, _typeset(show_bounded(value, error)))
 
 
-def show_matrix_entry(value: float, matrix: list[list[float]]) -> Markup:
-    """An entry of a compliance matrix, as many decimals for all: three digits of its smallest diagonal entry."""
-    smallest = min((abs(matrix[i][i]) for i in range(3) if matrix[i][i]), default=1.0)
-    decimals = next((n for n in range(9) if smallest * 10**n >= 100.0), 9)
-    text = f"{value:.{decimals}f}"
-    return _data(value, "0" if float(text) == 0.0 else text.replace("-", "−"))
+def _bound(error: float | None, value: float) -> Markup:
+    """An error beside its value; its number is rounded up, which its class says."""
+    if error is None:
+        return Markup('<span class="missing">{}</span>').format(NO_BOUND)
+    return Markup('± <data class="bound" value="{}">{}</data>').format(
+        repr(error), _typeset(show_bound(value, error).removeprefix("± "))
+    )
+
+
+def _moved(matrix: list[list[float]], row: int, column: int, error: float | None) -> Markup:
+    """An entry of a compliance matrix, to the decimal of the one along the force."""
+    return _data(matrix[row][column], _typeset(show_compliances(matrix, column, error)[row]))
+
+
+def _typeset(text: str) -> str:
+    """A plain number as readers know it: thousands apart, a true minus, a power of ten."""
+    mantissa, exponent, power = text.partition("e")
+    whole, point, decimals = mantissa.partition(".")
+    whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", "\u202f", whole)
+    return f"{whole}{point}{decimals}{f'·10{_raised(int(power))}' if exponent else ''}".replace("-", "−")
 
 
 def _data(value: float, text: str) -> Markup:
@@ -159,8 +183,8 @@ def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
             break
         break
     for modes in summary["modal"][:1]:
-        named = list(zip(modes["frequencies_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
-        found["first"] = next(((hz, name) for hz, name in named if WHOLE_MACHINE not in name), None)
+        named = list(zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
+        found["first"] = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
     return found
 
 
@@ -202,14 +226,20 @@ def report_environment() -> jinja2.Environment:
     )
     filters: dict[str, Any] = {
         "number": show_number,
-        "error": show_error_size,
+        "bound": _bound,
+        "bounded": _bounded,
+        "damping": lambda ratio: _data(ratio, show_damping(ratio)),
+        "damped": lambda modes, index: _data(modes["damped_hz"][index], _typeset(show_damped(modes, index))),
+        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
         "error_words": error_words,
         "largest_shares": largest_shares,
         "response_error_words": response_error_words,
-        "entry": show_matrix_entry,
+        "moved": _moved,
+        "shared_budget": shared_budget,
         "share": lambda share: _data(share, percent(share)),
         "top": _top_shares,
         "stem": file_stem,
+        "position": lambda position, unit: _data(position, show_position(position, unit).replace("-", "−")),
         "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),
         "longest": lambda budget: max((share for shares in budget.values() for share in shares.values()), default=1.0) or 1.0,
     }

@@ -8,9 +8,10 @@ from markupsafe import Markup
 
 from headstock.app.png_images import encode_png
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machines import show_position
 from headstock.pipeline.json_texts import Json
 
-WIDTH, LEFT, TOP, BOTTOM = 330, 46, 22, 34
+WIDTH, LEFT, TOP, BOTTOM = 340, 56, 22, 34
 # five stops of viridis, told apart by most colour-blind readers and in grey
 STOPS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float)
 TITLES = {
@@ -31,9 +32,9 @@ def map_layers(found: Json) -> list[dict[str, Any]]:
     """Planes to draw: the map itself, or the lowest, middle and highest layer of a volume; each with what it stands at."""
     if len(found["axes"]) == 2:
         return [{"place": None, "title": ""}]
-    levels = found["positions"][2]
+    levels, axis = found["positions"][2], found["axes"][2]
     places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
-    return [{"place": place, "title": f"{found['axes'][2]} = {levels[place]:.4g}"} for place in places]
+    return [{"place": place, "title": f"{axis} = {show_position(levels[place], found['units'][axis])}"} for place in places]
 
 
 def draw_map(found: Json, name: str, layer: int | None = None) -> Markup:
@@ -59,13 +60,14 @@ def draw_map(found: Json, name: str, layer: int | None = None) -> Markup:
     inside = WIDTH - LEFT - 8
     height = float(np.clip(inside * ratio, 60.0, 480.0))
     title = f"{TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
+    shown = [[show_position(end, found["units"][axis]) for end in span] for axis, span in zip(found["axes"], spans, strict=False)]
     words = [
         _text(LEFT, 14, title, "start", 12),
-        _text(LEFT, TOP + height + 14, f"{spans[0][0]:g}", "start"),
-        _text(WIDTH - 8, TOP + height + 14, f"{spans[0][1]:g}", "end"),
-        _text(LEFT + inside / 2, TOP + height + 14, f"{found['axes'][0]} [m, rad]", "middle"),
-        _text(LEFT - 4, TOP + height, f"{spans[1][0]:g}", "end"),
-        _text(LEFT - 4, TOP + 9, f"{spans[1][1]:g}", "end"),
+        _text(LEFT, TOP + height + 14, shown[0][0], "start"),
+        _text(WIDTH - 8, TOP + height + 14, shown[0][1], "end"),
+        _text(LEFT + inside / 2, TOP + height + 14, found["axes"][0], "middle"),
+        _text(LEFT - 4, TOP + height, shown[1][0], "end"),
+        _text(LEFT - 4, TOP + 9, shown[1][1], "end"),
         _text(LEFT - 4, TOP + height / 2, found["axes"][1], "end"),
     ]
     image = Markup(

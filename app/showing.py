@@ -118,9 +118,7 @@ def _print_faces(survey: CadSurvey, every_face: bool) -> None:
     console = make_console()
     largest = sorted(survey.faces, key=lambda face: -face.area)
     shown = survey.faces if every_face else sorted(largest[:FACES_SHOWN], key=lambda face: face.number)
-    table = make_table(">face", "kind", ">area cm²", ">centre mm", "looks to", ">size mm", ">radius")
-    for column in table.columns:
-        column.no_wrap = True
+    table = make_table(">face", "<kind", ">area cm²", ">centre mm", "<looks to", ">size mm", ">radius mm")
     names = name_faces(survey.faces)
     for face in shown:
         name = names[face.number]

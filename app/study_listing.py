@@ -9,6 +9,7 @@ from rich.console import Console
 
 from headstock.app.console import add_row, make_console, make_table, print_remarks, print_table
 from headstock.app.cost_listing import print_costs
+from headstock.app.error_texts import show_bound, show_bounded
 from headstock.app.summary_tables import PlainTable, encode_csv
 from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.json_texts import Json
@@ -38,7 +39,7 @@ def print_progress(progress: StudyProgress) -> None:
     spent = "  finished before" if progress.known else f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
     state = f"  {record.status}: {record.error[:ERROR_LENGTH]}" if record.status == "failed" else ""
     line = f"  {progress.number + 1:>4}/{progress.total}  {spent}  {describe_point(progress.point)}{state}"
-    make_console().print(line, markup=False, no_wrap=True, overflow="ellipsis")
+    make_console().print(line, markup=False, soft_wrap=True)
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
@@ -181,8 +182,9 @@ def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
         return "failed" if row.record.status == "failed" else "-"
     if column in MEASURED_NAMES:
         measured = median_seconds(row.record, column)
-        spread = f" ± {measured[1] / 2.0:.2g}" if measured and repeats > 1 else ""
-        return f"{value:.3g}{spread}"
+        if measured is None or repeats < 2:
+            return f"{value:.3g}"
+        return f"{show_bounded(value, measured[1] / 2.0)} {show_bound(value, measured[1] / 2.0)}"
     return f"{value:.{DIGITS}g}" if is_number(value) and not isinstance(value, int) else str(value)
 
 

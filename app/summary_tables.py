@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any
 
 from headstock.app.console import sort_shares
+from headstock.app.error_texts import bound_size
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.mode_files import file_stem
 
@@ -38,7 +39,8 @@ def list_tables(summary: Json) -> list[PlainTable]:
     for pose, points in static_by_pose(summary).items():
         for name, point in points.items():
             stem = f"{file_stem(pose)}_{file_stem(name)}"
-            tables += [_compliance_table(f"compliance_{stem}", point), _budget_table(f"budget_{stem}", point["budget"])]
+            tables += [_compliance_table(f"compliance_{stem}", point), _whole_compliance_table(f"compliance_6x6_{stem}", point)]
+            tables.append(_budget_table(f"budget_{stem}", point["budget"]))
     tables += [_mode_table(modes) for modes in summary["modal"]]
     tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
     if "contouring" in summary:
@@ -125,8 +127,20 @@ def _stage_table(summary: Json) -> PlainTable:
 
 def _compliance_table(name: str, point: Json) -> PlainTable:
     matrix = point["compliance_um_per_kN"]
-    headings = ("force in", *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS))
-    return PlainTable(name, headings, tuple((d, *(matrix[row][column] for row in range(3))) for column, d in enumerate(DIRECTIONS)))
+    errors = point.get("error_um_per_kN", {})
+    headings = ("force in", *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS), "± along the force [um/kN]")
+    rows = (
+        (d, *(matrix[row][column] for row in range(3)), bound_size(matrix[column][column], errors.get(d)))
+        for column, d in enumerate(DIRECTIONS)
+    )
+    return PlainTable(name, headings, tuple(rows))
+
+
+def _whole_compliance_table(name: str, point: Json) -> PlainTable:
+    loads = [*(f"1 N in {d}" for d in DIRECTIONS), *(f"1 N m about {d}" for d in DIRECTIONS)]
+    headings = ("load", *(f"motion in {d} [m]" for d in DIRECTIONS), *(f"rotation about {d} [rad]" for d in DIRECTIONS))
+    columns = zip(*point["compliance_6x6"], strict=True)
+    return PlainTable(name, headings, tuple((load, *column) for load, column in zip(loads, columns, strict=True)))
 
 
 def _budget_table(name: str, budget: Json) -> PlainTable:
@@ -136,15 +150,16 @@ def _budget_table(name: str, budget: Json) -> PlainTable:
 
 def _mode_table(modes: Json) -> PlainTable:
     parts = sorted({part for shares in modes["energy_share"] for part in shares})
-    headings = ("mode", "frequency [Hz]", "error [Hz]", "damping ratio", "name", *(f"strain energy in {part}" for part in parts))
-    columns = zip(
-        modes["frequencies_hz"], modes["error_hz"], modes["damping_ratio"], modes["mode_names"], modes["energy_share"], strict=True
-    )
+    headings = ["mode", "frequency [Hz]", "± [Hz]", "damped frequency [Hz]", "damping ratio", "name"]
+    keys = ("frequencies_hz", "error_hz", "damped_hz", "damping_ratio", "mode_names", "energy_share")
     rows = tuple(
-        (index + 1, hz, error, damping, name, *(shares.get(part) for part in parts))
-        for index, (hz, error, damping, name, shares) in enumerate(columns)
+        (number, hz, bound_size(hz, error), damped, damping, name, *(shares.get(part) for part in parts))
+        for number, (hz, error, damped, damping, name, shares) in enumerate(
+            zip(*(modes[key] for key in keys), strict=True), start=1
+        )
     )
-    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
+    headings += [f"strain energy in {part}" for part in parts]
+    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", tuple(headings), rows)
 
 
 def _probe_table(pose: str, probes: Json) -> PlainTable:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from headstock.app.charts import DPI, INK, calm_axes, read_pixels
 from headstock.app.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machines import SCENE_UNITS
 from headstock.pipeline.json_texts import Json
-from headstock.pipeline.sweep_poses import SHOWN
 
 PER_ROW = 3
 
@@ -46,7 +46,7 @@ def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> ND
     positions = np.array(summary["positions"], dtype=float)
     spans = []
     for axis in axes:
-        factor, word = SHOWN[summary["units"][axis]]
+        factor, word = SCENE_UNITS[summary["units"][axis]]
         spans.append((factor * np.unique(positions[:, axis]), f"{summary['axes'][axis]} [{word}]"))
     for number, quantity in enumerate(quantities, start=1):
         frame = figure.add_subplot(rows, min(PER_ROW, len(quantities)), number)
@@ -81,6 +81,6 @@ def way_of(summary: Json) -> tuple[FloatArray, str]:
     positions = np.array(summary["positions"], dtype=float)
     moving = [axis for axis in range(positions.shape[1]) if np.ptp(positions[:, axis]) > 0.0]
     if len(moving) == 1 and bool((np.diff(positions[:, moving[0]]) > 0.0).all()):
-        factor, word = SHOWN[summary["units"][moving[0]]]
+        factor, word = SCENE_UNITS[summary["units"][moving[0]]]
         return factor * positions[:, moving[0]], f"{summary['axes'][moving[0]]} [{word}]"
     return np.arange(1, len(positions) + 1, dtype=np.float64), "pose"

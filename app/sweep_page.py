@@ -9,8 +9,8 @@ from markupsafe import Markup
 from headstock.app.report import STYLE, read_asset, report_environment
 from headstock.app.sweep_quantities import list_quantities
 from headstock.app.viewer_data import script_json
+from headstock.geometry.machines import SCENE_UNITS
 from headstock.pipeline.json_texts import Json
-from headstock.pipeline.sweep_poses import SHOWN
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
@@ -43,7 +43,7 @@ def render_sweep(summary: Json, figures: Mapping[str, bytes]) -> str:
 
 def _page_data(summary: Json) -> Json:
     """What the script needs, numbers to six digits."""
-    factors = [SHOWN[unit] for unit in summary["units"]]
+    factors = [SCENE_UNITS[unit] for unit in summary["units"]]
     scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
     return {
         "kind": summary["kind"],

@@ -1,6 +1,7 @@
 """The machine: components, joints, points and axes; and where everything is in a pose."""
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +9,10 @@ import numpy as np
 from headstock.geometry.components import Component, Load, Support
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
 from headstock.geometry.joints import Axis, Joint, JointEnd
-from headstock.geometry.tool_mechanisms import TOOL_AXES, ToolMechanism, place_carriers
+from headstock.geometry.tool_mechanisms import TOOL_AXES, TOOL_POINT, ToolMechanism, place_carriers
+
+# positions of axes as scenes write them: SI unit to factor and unit
+SCENE_UNITS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,9 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
             raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
         low, high = machine.axes[name].limits
         if not low <= position <= high:
-            raise ValueError(f"pose {pose.name!r}: axis {name} at {position:g} is outside its limits {low:g} .. {high:g}")
+            unit = position_units(machine)[name]
+            places = [show_position(place, unit) for place in (position, low, high)]
+            raise ValueError(f"pose {pose.name!r}: axis {name} at {places[0]} is outside its limits {places[1]} .. {places[2]}")
     frames = {name: component.placement for name, component in machine.components.items()}
     carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
     frames |= {name: compose_frames(carrier, frames[name]) for name, carrier in carriers.items() if name in frames}
@@ -101,6 +107,20 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
         for name in axis.moves:
             frames[name] = compose_frames(motion, frames[name])
     return frames
+
+
+def position_units(machine: Machine) -> dict[str, str]:
+    """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism carries it."""
+    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in machine.axes.items()}
+    if machine.mechanism is not None:
+        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
+    return units
+
+
+def show_position(position: float, unit: str) -> str:
+    """A position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or ``rad``."""
+    factor, word = SCENE_UNITS[unit]
+    return f"{round(factor * position, 9) + 0.0:g} {word}"
 
 
 def axis_motion(axis: Axis, position: float) -> Frame:

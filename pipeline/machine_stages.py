@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machines import position_units
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system
 from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
@@ -82,6 +83,7 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     state.modal.append(
         PoseModes(
             pose=state.plan.poses[_pose_name(stage)],
+            pose_units=position_units(state.scene.machine),
             frequencies_hz=result.frequencies_hz,
             rigid_count=min(result.rigid_count, count),
             errors=estimate_mode_errors(state, coupled, result),

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.tool_mechanisms import TOOL_POINT
 from headstock.pipeline.run_state import Outcome, RunState
 from headstock.pipeline.stages import Stage
 from headstock.pipeline.workspace_map import WorkspaceMap, map_workspace
@@ -37,6 +38,7 @@ def summarise_map(found: WorkspaceMap) -> dict[str, Any]:
     """As it stands in ``summary.json``; null where a pose cannot be taken."""
     return {
         "axes": list(found.axes),
+        "units": {axis: "m" if axis in TOOL_POINT else "rad" for axis in (*found.axes, *found.fixed)},
         "positions": [values.tolist() for values in found.positions],
         "fixed": found.fixed,
         "least_likeness": found.likeness,

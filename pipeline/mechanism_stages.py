@@ -6,6 +6,7 @@ import numpy as np
 
 from headstock.geometry.exechon import LEGS, LENGTHS
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
+from headstock.geometry.machines import position_units
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.effects import GRAVITY_STIFFENING
 from headstock.pipeline.error_estimates import Estimate
@@ -93,6 +94,7 @@ def run_lumped_modal_stage(state: RunState, stage: Stage) -> Outcome:
     state.modal.append(
         PoseModes(
             pose=state.plan.poses[_pose_name(stage)],
+            pose_units=position_units(state.scene.machine),
             frequencies_hz=result.frequencies_hz,
             rigid_count=result.rigid_count,
             errors=(LUMPED,) * count,

@@ -2,7 +2,7 @@
 
 from headstock.geometry.carriages import place_carriages
 from headstock.geometry.machine_paths import MachinePath
-from headstock.geometry.machines import Pose
+from headstock.geometry.machines import Pose, show_position
 from headstock.pipeline.rail_checks import SLACK, describe_overhang
 from headstock.pipeline.scene import Scene, list_analyses
 from headstock.pipeline.scene_errors import Findings
@@ -66,7 +66,8 @@ def _find_stop_fault(axis: str, value: float, is_length: bool, scene: SceneTable
         return f'is no length, but the axis is linear; write for example "{LENGTH.example}"'
     low, high = (limit.value for limit in table.limits) if table.limits is not None else (value, value)
     if not low <= value <= high:
-        return f"the path leaves the range of axis {axis}: {value:g} m is outside {low:g} to {high:g} m"
+        places = [show_position(place, "m") for place in (value, low, high)]
+        return f"the path leaves the range of axis {axis}: {places[0]} is outside {places[1]} to {places[2]}"
     return ""
 
 

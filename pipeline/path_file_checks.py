@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.geometry.machines import show_position
 from headstock.pipeline.path_files import AxisPath, PathFileError, read_path
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_files import resolve_file
@@ -55,7 +56,5 @@ def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units
         return ""
     first, unit = int(outside[0]), path.units[column]
     more = f" ({len(outside) - 1} rows more)" if len(outside) > 1 else ""
-    return (
-        f"{path.name}:{path.lines[first]}: {path.positions[first, column]:g} {unit} is outside the limits of axis {axis}:"
-        f" {low:g} to {high:g} {unit}{more}"
-    )
+    places = [show_position(float(place), unit) for place in (path.positions[first, column], low, high)]
+    return f"{path.name}:{path.lines[first]}: {places[0]} is outside the limits of axis {axis}: {places[1]} to {places[2]}{more}"

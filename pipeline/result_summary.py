@@ -151,6 +151,7 @@ def _summarise_modes(modes: PoseModes) -> Json:
     summary: Json = {
         "pose_name": modes.pose.name,
         "pose": modes.pose.positions,
+        "pose_units": {axis: modes.pose_units[axis] for axis in modes.pose.positions if axis in modes.pose_units},
         "frequencies_hz": check_finite(what, modes.frequencies_hz),
         "rigid_count": modes.rigid_count,
         "error_hz": list(modes.error_hz),

@@ -87,6 +87,7 @@ class PoseModes:
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
         shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
+        pose_units: Axis to the unit of its position, ``m`` or ``rad``.
         placements: Frame of each component in the machine in this pose.
         spread_hz: Lowest and highest frequency of each mode with every interface averaging and rigid [Hz]; None where it has no partner,
             empty where none was asked for.
@@ -102,6 +103,7 @@ class PoseModes:
     kinetic_share: tuple[dict[str, float], ...]
     shapes: FloatArray
     damped_hz: tuple[float | None, ...] = ()
+    pose_units: dict[str, str] = field(default_factory=dict)
     placements: dict[str, Frame] = field(default_factory=dict)
     spread_hz: tuple[tuple[float, float] | None, ...] = ()
 

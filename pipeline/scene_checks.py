@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from headstock.geometry.joints import GROUND
+from headstock.geometry.machines import show_position
 from headstock.geometry.solids import Solid, SuperelementFile
 from headstock.pipeline.component_builder import bounding_box, build_solid
 from headstock.pipeline.effects import find_effect_fault
@@ -211,8 +212,8 @@ def _check_poses(scene: SceneTable, findings: Findings) -> None:
         if axis_table.limits is not None and value.dimension == axis_table.limits[0].dimension:
             low, high = (limit.value for limit in axis_table.limits)
             if not low <= value.value <= high:
-                unit = value.dimension.unit
-                findings.add(key, f"{value.value:g} {unit} is outside the limits of axis {name}: {low:g} to {high:g} {unit}")
+                places = [show_position(place, value.dimension.unit) for place in (value.value, low, high)]
+                findings.add(key, f"{places[0]} is outside the limits of axis {name}: {places[1]} to {places[2]}")
 
 
 def _check_effects(scene: SceneTable, findings: Findings) -> None:

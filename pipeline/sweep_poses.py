@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machines import Pose
+from headstock.geometry.machines import Pose, show_position
 
 SweepKind = Literal["grid", "list", "path"]
-SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +95,10 @@ def sweep_pose(sweep: Sweep, number: int) -> Pose:
 
 def describe_positions(sweep: Sweep, number: int) -> str:
     """Positions of a pose in words: ``X -100 mm, B 30 deg``; axes that stand still are left out."""
-    shown = []
-    for column in moving_axes(sweep) or range(len(sweep.axes)):
-        factor, word = SHOWN[sweep.units[column]]
-        shown.append(f"{sweep.axes[column]} {round(factor * float(sweep.positions[number, column]), 9) + 0.0:g} {word}")
-    return ", ".join(shown)
+    columns = moving_axes(sweep) or range(len(sweep.axes))
+    return ", ".join(
+        f"{sweep.axes[column]} {show_position(float(sweep.positions[number, column]), sweep.units[column])}" for column in columns
+    )
 
 
 def moving_axes(sweep: Sweep) -> list[int]:

@@ -51,6 +51,7 @@ _FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
 _UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
 MAX_TEXT = 80
+LARGEST_BARE = 10**30  # no unit is likely beyond
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,9 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
         if isinstance(text, float) and not math.isfinite(text):
             raise UnitError(f"{text} is not finite; write {wanted} such as {example}")
         shown = show_value(text)
-        raise UnitError(f'{shown} has no unit; write it in quotes with a unit, such as "{shown} {dimensions[0].unit}"')
+        raise UnitError(
+            f'{shown} has no unit; write it in quotes with a unit, such as "{shown} {_likely_unit(text, dimensions[0])}"'
+        )
     number, unit = _split_quantity(text, wanted, example)
     factor, dimensionality = _resolve_unit(unit, example)
     for dimension in dimensions:
@@ -189,6 +192,18 @@ def _scale_number(number: str, factor: Decimal, text: str, wanted: str) -> float
     if not math.isfinite(value) or (value == 0.0 and Decimal(number) != 0):
         raise UnitError(f"{show_value(text)} is beyond what a computer number can hold; write {wanted} of ordinary size")
     return value
+
+
+def _likely_unit(number: float, dimension: Dimension) -> str:
+    """The unit of the dimension's example or the SI unit: the one with which a bare number comes nearer to the example."""
+    example = parse_quantity(dimension.example, dimension).value
+    if not number or abs(number) > LARGEST_BARE:
+        return unit_of(dimension.example)
+
+    def distance(unit: str) -> float:
+        return abs(math.log(abs(number) * float(_resolve_unit(unit, "")[0]) / example))
+
+    return min((unit_of(dimension.example), dimension.unit), key=distance)
 
 
 @lru_cache(maxsize=1024)

@@ -159,11 +159,11 @@ def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budge
         budget: The point's budget where it is already known.
 
     Returns:
-        None where nothing gives way in that direction.
+        None where nothing gives way in that direction, or one part alone.
     """
     budget = budget or point_budget(coupled, point)
     shares = budget.shares[direction]
-    if not shares:
+    if len(shares) < 2:
         return None
     families: dict[str, list[str]] = {}
     for name in sorted(shares):

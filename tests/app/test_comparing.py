@@ -102,7 +102,7 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
     arguments = ["compare", str(scene), "-o", str(out), "--variants", "as written", "--fidelity", "rigid,segmented"]
     assert main([*arguments, "--effort", "--change", "thick"]) == 0
     printed = capsys.readouterr().out
-    assert "Effort from scene to modes, from an empty store, then with thick" in printed and "first model, s" in printed
+    assert "Effort from scene to modes, from an empty store, then with thick" in printed and "CPU s" in printed
     effort = json.loads((out / "compare.json").read_text())["effort"]
     assert effort["change"] == ["thick"] and list(effort["variants"]) == ["as written rigid", "as written segmented"]
     for runs in effort["variants"].values():

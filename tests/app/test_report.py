@@ -3,6 +3,7 @@
 import base64
 import copy
 import json
+import math
 import re
 import zlib
 from html.parser import HTMLParser
@@ -36,6 +37,8 @@ class Page(HTMLParser):
         self.scripts: list[str] = []
         self.stack: list[str] = []
         self.value: str | None = None
+        self.is_bound = False
+        self.bounds: list[tuple[float, str]] = []
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
@@ -44,6 +47,7 @@ class Page(HTMLParser):
         if tag not in ("meta", "img", "input", "br", "link"):
             self.stack.append(tag)
         self.value = found.get("value") if tag == "data" else found.get("data-value", self.value if tag == "data" else None)
+        self.is_bound = found.get("class") == "bound"
 
     def handle_startendtag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
@@ -57,7 +61,7 @@ class Page(HTMLParser):
         if self.stack and self.stack[-1] in ("script", "style"):
             self.scripts.append(data)
         elif self.value is not None:
-            self.numbers.append((float(self.value), data))
+            (self.bounds if self.is_bound else self.numbers).append((float(self.value), data))
         else:
             self.words.append(data)
 
@@ -81,8 +85,9 @@ def texts_in(content) -> set[str]:
 def read_shown(text: str) -> tuple[float, float]:
     """A number as shown, and half a unit of its last digit."""
     plain = text.replace("−", "-").replace("\u202f", "")
-    mantissa, _, exponent = plain.removesuffix(" %").partition("·10")
-    unit = 10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0) * (0.01 if plain.endswith("%") else 1.0)
+    number, _, unit_name = plain.partition(" ")
+    mantissa, _, exponent = number.partition("·10")
+    unit = 10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0) * {"%": 0.01, "mm": 1e-3, "deg": math.pi / 180.0, "": 1.0}[unit_name]
     return float(mantissa) * unit, 0.5001 * unit * 10.0 ** -len(mantissa.partition(".")[2])
 
 
@@ -109,6 +114,14 @@ def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(run_fo
     for value, text in page.numbers:
         shown, half = read_shown(text)
         assert shown == pytest.approx(value, abs=half, rel=0.0), text
+
+
+def test_every_error_in_the_report_is_rounded_up(html: str) -> None:
+    page = Page(html)
+    assert len(page.bounds) > 20
+    for value, text in page.bounds:
+        shown, half = read_shown(text.removeprefix("<"))
+        assert value * (1 - 1e-9) <= shown and (text.startswith("<") or shown <= value + 2.0 * half), text
 
 
 def test_no_decimal_number_stands_outside_the_numbered_elements(run_folder: Path, html: str) -> None:
@@ -150,14 +163,14 @@ def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> No
     assert "was not estimated" in render_report(summary)
     summary["modal"][0]["error_hz"] = [0.25] * count
     changed = render_report(summary)
-    assert '<data value="0.25">0.25</data>' in changed
+    assert '<data class="bound" value="0.25">0.25</data>' in changed
 
 
 def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(run_folder: Path) -> None:
     summary = read_summary(run_folder)
     names, hz = ["free X translation of a", "whole machine moves Y on m", "a bends X"], [0.0, 2.0, 87.5]
     modes = summary["modal"][0] | {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
-    modes |= {key: modes[key][:3] for key in ("error_hz", "damping_ratio", "energy_share")}
+    modes |= {key: modes[key][:3] for key in ("error_hz", "damping_ratio", "damped_hz", "energy_share")}
     html = render_report(summary | {"modal": [modes]})
     tile = html[html.index("First mode that deforms") :][:200]
     assert '<data value="87.5">' in tile and "a bends X" in tile
@@ -324,6 +337,7 @@ def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says
         **modes,
         "error_hz": [None] * count,
         "damping_ratio": [None] * count,
+        "damped_hz": [None] * count,
         "energy_share": [{}] * count,
     }
     page = render_report({**summary, "modal": [full]}, view)

@@ -106,7 +106,7 @@ def test_the_numbers_behind_the_cursor_are_the_curves(run_folder: Path) -> None:
     (curves,) = read_curves(run_folder)
     assert len(data["cells"]) == 12
     np.testing.assert_allclose(data["hz"], curves.frequencies_hz, rtol=1e-3)
-    np.testing.assert_allclose(data["cells"][4]["size"], 1e6 * np.abs(curves.receptance[:, 1, 1]), rtol=1e-3)
+    np.testing.assert_allclose(data["cells"][4]["size"], 1e9 * np.abs(curves.receptance[:, 1, 1]), rtol=1e-3)
 
 
 def test_a_gap_is_a_gap_in_curve_table_and_data() -> None:

@@ -67,7 +67,7 @@ def test_a_quantity_is_read_in_si_to_the_last_bit(text: str, dimension: Dimensio
         ("3 foo", units.LENGTH, "unknown unit 'foo'"),
         ("", units.LENGTH, "not one real number"),
         ("1 " + "m" * 200, units.LENGTH, "too long"),
-        (38, units.LENGTH, 'such as "38 m"'),
+        (38, units.LENGTH, 'such as "38 mm"'),
         (math.nan, units.LENGTH, "not finite"),
         (math.inf, units.LENGTH, "not finite"),
         (True, units.LENGTH, "is not a length"),
