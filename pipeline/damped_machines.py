@@ -4,10 +4,17 @@ import dataclasses
 
 from headstock.pipeline.run_state import RunState
 from headstock.solvers.damping_models import add_modal_damping
-from headstock.solvers.modal_analysis import ModalResult
+from headstock.solvers.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 DAMPING = "damping"
+
+
+def solve_all_modes(state: RunState, system: SecondOrderSystem) -> ModalResult:
+    """All undamped modes of a coupled system, once for the analyses of a pose that need them."""
+    if state.all_modes is None or state.all_modes[0] is not system:
+        state.all_modes = (system, solve_modal(system))
+    return state.all_modes[1]
 
 
 def damp_system(state: RunState, system: SecondOrderSystem, modes: ModalResult | None = None) -> SecondOrderSystem:

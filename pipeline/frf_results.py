@@ -106,7 +106,7 @@ class PoseResponse:
 
     Attributes:
         curves: What is tabled and drawn.
-        method: ``modal``, ``poles`` or ``direct``.
+        method: ``modal``, ``dampers``, ``poles`` or ``direct``.
         damped: Any damping is on.
         free_body: Entries without a value at 0 Hz, as ``output / input``.
         singular_hz: Frequencies on the pole of an undamped mode.

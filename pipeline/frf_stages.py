@@ -1,13 +1,12 @@
 """The frequency response stage. Only rank 0 has anything to do."""
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.analysis_requests import FrfRequest
-from headstock.pipeline.damped_machines import damp_system
+from headstock.pipeline.damped_machines import damp_system, solve_all_modes
 from headstock.pipeline.frf_errors import add_figure_errors, estimate_response_errors
 from headstock.pipeline.frf_results import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.run_state import Outcome, RunState
@@ -15,8 +14,8 @@ from headstock.pipeline.stages import Stage
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.frequency_grid import UNDAMPED, refine_grid
-from headstock.solvers.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, prepare_frf
-from headstock.solvers.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, find_peaks, prepare_frf
+from headstock.solvers.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.modal_coordinates import ModalCoordinates, count_modes, keep_modes
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.solvers.stability_figures import StabilityFigures, find_stability_figures
@@ -53,10 +52,10 @@ def respond(
     request, pose = state.scene.analyses.frf, stage.pose
     if request is None or pose is None:
         raise ValueError("a frequency response stage needs a pose and an analysis in the scene")
-    modes = solve_modal(bare)
+    modes = solve_all_modes(state, bare)
     system = damp_system(state, bare, modes)
     model = prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
-    poles = model.form.poles()
+    poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
     damped = system.damping is not None or system.hysteretic is not None
     bounded = bool((np.abs(poles.real) > UNDAMPED * np.abs(poles))[np.abs(poles) <= 2.0 * np.pi * request.to_hz].all())
@@ -67,7 +66,7 @@ def respond(
         )
     figures = find_stability_figures(model, response) if bounded else ()
     estimate = None if coupled is None else estimate_response_errors(state, system, coupled, modes, response)
-    near = _modes_up_to(modes, NAMED_MARGIN * request.to_hz)
+    near = keep_lowest(modes, up_to_hz=NAMED_MARGIN * request.to_hz)
     found = PoseResponse(
         curves=ResponseCurves(
             pose,
@@ -131,13 +130,6 @@ def _port_figures(
                 )
             )
     return tuple(found)
-
-
-def _modes_up_to(modes: ModalResult, limit_hz: float) -> ModalResult:
-    kept = max(modes.rigid_count, int(np.searchsorted(modes.frequencies_hz, limit_hz, side="right")))
-    return dataclasses.replace(
-        modes, frequencies_hz=modes.frequencies_hz[:kept], shapes=modes.shapes[:, :kept], residuals=modes.residuals[:kept]
-    )
 
 
 def _plain_sum_error(coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float) -> float | None:

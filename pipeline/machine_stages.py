@@ -8,7 +8,7 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machines import position_units
 from headstock.geometry.tool_mechanisms import solve_pose
-from headstock.pipeline.damped_machines import DAMPING, damp_system
+from headstock.pipeline.damped_machines import DAMPING, damp_system, solve_all_modes
 from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
 from headstock.pipeline.mechanism_poses import describe_state
@@ -22,7 +22,7 @@ from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.damping_models import equivalent_viscous
 from headstock.solvers.errors import ModelError
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.modal_analysis import ModalResult, keep_lowest, solve_modal
 
 UNSTABLE = 1e-9
 
@@ -74,8 +74,13 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     coupled, request = _coupled(state), state.scene.analyses.modal
     if request is None:
         raise ValueError("a modal stage needs a modal analysis in the scene")
-    result = solve_modal(coupled.system, count=request.count, up_to_hz=request.up_to_hz)
-    ratios, damped_hz = _damping(state, coupled, len(result.frequencies_hz))
+    # damping may couple every mode with every other
+    complete = solve_all_modes(state, coupled.system) if DAMPING in state.scene.effects else None
+    if complete is None:
+        result = solve_modal(coupled.system, count=request.count, up_to_hz=request.up_to_hz)
+    else:
+        result = keep_lowest(complete, count=request.count, up_to_hz=request.up_to_hz)
+    ratios, damped_hz = _damping(state, coupled, complete, len(result.frequencies_hz))
     named = name_modes(coupled, result)
     stacked = coupled.basis @ result.shapes
     count = len(result.frequencies_hz)
@@ -112,11 +117,14 @@ def _add_to_view(state: RunState, stage: Stage, **fields: Any) -> None:
     state.views[pose] = dataclasses.replace(state.views[pose], **fields)
 
 
-def _damping(state: RunState, coupled: CoupledMachine, count: int) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+def _damping(
+    state: RunState, coupled: CoupledMachine, complete: ModalResult | None, count: int
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
     """Damping ratio and damped frequency of the first modes; all None unless the scene names the effect."""
-    if DAMPING not in state.scene.effects:
+    if complete is None:
         return (None,) * count, (None,) * count
-    damped = solve_damped(equivalent_viscous(damp_system(state, coupled.system)))
+    viscous = equivalent_viscous(damp_system(state, coupled.system, complete), complete)
+    damped = solve_damped(viscous, complete, lowest=count)
     for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
         if pole.real > UNSTABLE * abs(pole):
             state.warn(

@@ -18,6 +18,8 @@ from headstock.pipeline.stages import Plan
 from headstock.pipeline.store import Store
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.superelement import Superelement
+from headstock.solvers.modal_analysis import ModalResult
+from headstock.solvers.second_order import SecondOrderSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class RunState:
     meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
     coupled: CoupledMachine | None = None
+    all_modes: tuple[SecondOrderSystem, ModalResult] | None = None
     static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)
     probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)

@@ -8,12 +8,14 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
+from headstock.solvers.lower_poles import find_lower_poles, state_eigenpairs
 from headstock.solvers.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.solvers.symmetric_matrices import is_symmetric
 
 REAL_POLE = 1e-9
 MASSLESS_CONDITION = 1e14
+LOWEST_TOLERANCE = 1e-10  # of a pole, where only the lowest are computed
 MASSLESS_DAMPING = 1e-9  # share of the damping that dofs without mass may feel: roundoff
 
 
@@ -36,10 +38,11 @@ class DampedModes:
     shares: FloatArray
 
 
-def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None) -> DampedModes:
+def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None, *, lowest: int | None = None) -> DampedModes:
     """All complex modes of a damped system, by its state matrix in the coordinates of all undamped modes.
 
-    In these coordinates stiffness and mass are diagonal, so that springs which differ by many decades cost no digits.
+    In these coordinates stiffness and mass are diagonal, so that springs which differ by many decades cost no digits. Where only the
+    lowest are wanted they come from a small space (``find_lower_poles``), to the same digits; from the whole state matrix if that fails.
 
     Unsymmetric terms of control or gyroscopes are found by a test and take the general road, without undamped modes and shares.
 
@@ -47,6 +50,7 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
         system: Positive definite mass; the damping need not be proportional. Structural damping must have been replaced
             (``equivalent_viscous``).
         undamped: All undamped modes, where they are already known.
+        lowest: Only the poles that are for the most part one of this many lowest undamped modes; None for all.
 
     Raises:
         ModelError: Dofs without mass that damping acts on, which have no place in a state matrix.
@@ -64,13 +68,14 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None)
     squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
     squares[: modes.rigid_count] = 0.0
     damping = np.zeros((count, count)) if system.damping is None else modes.shapes.T @ system.damping @ modes.shapes
-    state = np.block([[np.zeros((count, count)), np.eye(count)], [-np.diag(squares), -damping]])
-    # balance displacement against velocity: both then have the size of the highest frequency
-    scale = max(float(np.sqrt(squares.max(initial=0.0))), float(np.abs(damping).max(initial=0.0)), 1.0)
-    state[:count, count:] *= scale
-    state[count:, :count] /= scale
-    poles, vectors = scipy.linalg.eig(state, check_finite=False)
-    return _sort_poles(poles, vectors[:count], modes.shapes)
+    damping = 0.5 * (damping + damping.T) if is_symmetric(damping) else damping
+    few = (
+        None
+        if lowest is None or not is_symmetric(damping)
+        else find_lower_poles(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
+    )
+    poles, shapes = state_eigenpairs(squares, damping) if few is None else few
+    return _sort_poles(poles, shapes, modes.shapes)
 
 
 def _require_complete(system: SecondOrderSystem, modes: ModalResult) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.damper_sum import DamperSum, sum_over_dampers
 from headstock.solvers.direct_response import DirectResponse
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.modal_analysis import ModalResult
@@ -26,9 +27,10 @@ from headstock.solvers.system_ports import input_columns, output_rows
 
 BoolArray = NDArray[np.bool_]
 DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
-METHODS = {ModalSum: "modal", PoleSum: "poles", DirectResponse: "direct"}
+METHODS = {ModalSum: "modal", DamperSum: "dampers", PoleSum: "poles", DirectResponse: "direct"}
 RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place among numbers
 AGREEMENT = 1e-8  # of the sum over poles with direct solves, where it is tried
+PEAK_MARGIN = 1.2  # beyond the range: peaks whose flank reaches into it
 PROBED_QUANTILES = (0.0, 0.1, 0.3, 0.7)  # of the poles: the gaps after them
 
 
@@ -43,7 +45,7 @@ class FrequencyResponse:
         receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/(N m), ...]; NaN where there is no value.
         free_body: The same shape: at 0 Hz an unbalanced load meets a motion that nothing holds.
         singular: The same shape: exactly on the pole of an undamped mode.
-        method: ``modal`` sum, ``poles`` of coupled modes, or ``direct`` solves.
+        method: ``modal`` sum, the same with few ``dampers`` that couple modes, ``poles`` of coupled modes, or ``direct`` solves.
     """
 
     frequencies_hz: FloatArray
@@ -70,7 +72,7 @@ class FrfModel:
 
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
-    form: ModalSum | PoleSum | DirectResponse
+    form: ModalSum | DamperSum | PoleSum | DirectResponse
     direct: DirectResponse
     at_rest: FloatArray
     coordinates: ModalCoordinates | None
@@ -101,8 +103,9 @@ def prepare_frf(
     """Bring a system into the form that answers fastest.
 
     All modes of the (reduced) system are used, so nothing is truncated; without dampers that couple modes the response is a sum
-    over real modes, with them one over poles, and for unsymmetric terms or critical damping a solve per frequency. A sum over
-    poles is held against direct solves at a few frequencies before it is used.
+    over real modes; with few of them each frequency takes a solve of their number besides; with many it is a sum over poles, and for
+    unsymmetric terms or critical damping a solve per frequency. A sum over poles is compared with direct solves at a few frequencies
+    before it is used.
 
     Args:
         system: Any linear system.
@@ -151,17 +154,28 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
     )
 
 
+def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
+    """Poles at positive frequencies, and real ones [rad/s], that may shape a response up to a frequency; perhaps others too."""
+    if isinstance(model.form, DamperSum):
+        return model.form.poles(2.0 * np.pi * PEAK_MARGIN * to_hz)
+    return model.form.poles()
+
+
 def convert_receptance(receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion) -> ComplexArray:
     """Receptance, mobility or accelerance ``(n_freq, n_outputs, n_inputs)``: displacement, velocity or acceleration per unit load."""
     factor = (2j * np.pi * frequencies_hz) ** DERIVATIVES[motion]
     return np.asarray(receptance * factor[:, None, None])
 
 
-def _choose_form(coordinates: ModalCoordinates, direct: DirectResponse) -> ModalSum | PoleSum | DirectResponse:
-    if damps_rigid_motion(coordinates):
-        return direct
-    if is_diagonal(coordinates.viscous) and is_diagonal(coordinates.hysteretic):
+def _choose_form(coordinates: ModalCoordinates, direct: DirectResponse) -> ModalSum | DamperSum | PoleSum | DirectResponse:
+    free = not damps_rigid_motion(coordinates)
+    if free and is_diagonal(coordinates.viscous) and is_diagonal(coordinates.hysteretic):
         return sum_over_modes(coordinates)
+    dampers = sum_over_dampers(coordinates)
+    if dampers is not None:
+        return dampers
+    if not free:
+        return direct
     try:
         form = sum_over_poles(coordinates)
     except AccuracyError:

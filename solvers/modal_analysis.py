@@ -1,6 +1,6 @@
 """Undamped natural frequencies and mode shapes of any second-order system."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,16 @@ def finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float |
     residuals = _residuals(system, pairs.squares[:kept], shapes)
     _require_small(residuals, frequencies)
     return ModalResult(frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals)
+
+
+def keep_lowest(modes: ModalResult, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
+    """The lowest of all modes: at most a count of them, and those up to a frequency [Hz]; rigid-body modes stay with the latter."""
+    kept = len(modes.frequencies_hz) if count is None else min(count, len(modes.frequencies_hz))
+    if up_to_hz is not None:
+        kept = min(kept, max(modes.rigid_count, int(np.searchsorted(modes.frequencies_hz, up_to_hz, side="right"))))
+    return replace(
+        modes, frequencies_hz=modes.frequencies_hz[:kept], shapes=modes.shapes[:, :kept], residuals=modes.residuals[:kept]
+    )
 
 
 def _with_sign(shapes: FloatArray) -> FloatArray:

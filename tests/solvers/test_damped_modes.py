@@ -64,3 +64,33 @@ def test_a_dof_without_mass_follows_its_springs_as_long_as_no_damper_acts_on_it(
     assert found.damping_ratios == pytest.approx([dash / (2.0 * np.sqrt(series * mass))], rel=1e-9)
     with pytest.raises(ModelError, match="take the damping off"):
         solve_damped(_system(np.diag([0.0, mass]), np.diag([dash, 0.0]), stiffness))
+
+
+def _chain(size: int, strength: float) -> SecondOrderSystem:
+    """Masses in a row from ground, with dampers at a third of them."""
+    random = np.random.default_rng(7)
+    springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
+    stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    damping = np.diag(np.where(np.arange(size) % 3 == 0, strength * random.uniform(0.1, 1.0, size), 0.0))
+    return _system(np.eye(size), damping, stiffness)
+
+
+@pytest.mark.parametrize("strength", [0.1, 30.0, 3e3, 1e5])
+def test_the_lowest_modes_alone_are_those_of_the_whole_state_matrix(strength: float) -> None:
+    system = _chain(150, strength)
+    few, whole = solve_damped(system, lowest=8), solve_damped(system)
+    for found, expected in zip(damping_of_undamped(few, 8), damping_of_undamped(whole, 8), strict=True):
+        assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_lowest_modes_of_a_lightly_damped_system_do_not_need_the_whole_state_matrix() -> None:
+    assert len(solve_damped(_chain(150, 30.0), lowest=8).poles) < 40
+
+
+def test_a_negative_damper_on_a_high_mode_is_seen_when_only_the_lowest_are_wanted() -> None:
+    system = _chain(150, 30.0)
+    stiffness = system.stiffness.copy()
+    stiffness[149, 149] += 1e9
+    damping = system.damping.copy() if system.damping is not None else np.zeros((150, 150))
+    damping[149, 149] = -50.0
+    assert solve_damped(_system(system.mass, damping, stiffness), lowest=8).poles.real.max() > 1.0

@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.solvers.damped_modes import solve_damped
 from headstock.solvers.damping_models import add_modal_damping, equivalent_viscous
 from headstock.solvers.errors import ModelError
 from headstock.solvers.frequency_grid import refine_grid
-from headstock.solvers.frequency_response import convert_receptance, evaluate_frf, prepare_frf, solve_frf
+from headstock.solvers.frequency_response import convert_receptance, evaluate_frf, find_peaks, prepare_frf, solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.stability_figures import find_stability_figures
 
@@ -53,6 +54,77 @@ def cases():
         "losses": (dataclasses.replace(bare, hysteretic=losses(bare)), "poles"),
         "both": (dataclasses.replace(bare, damping=dashpots(), hysteretic=losses(bare)), "poles"),
     }
+
+
+def few_dampers():
+    """Systems of 60 dofs with few dampers: viscous ones, losses, rigid motions, damping of all modes besides; and a very strong one."""
+    size = 60
+    bare = make_system(size, seed=4)
+    free = dataclasses.replace(
+        bare, stiffness=np.diag([2e6] * size) - np.diag([1e6] * (size - 1), 1) - np.diag([1e6] * (size - 1), -1)
+    )
+    free.stiffness[0, 0] = free.stiffness[-1, -1] = 1e6
+    return {
+        "dashpots": dataclasses.replace(bare, damping=dashpots(size)),
+        "locking": dataclasses.replace(bare, damping=1e6 * dashpots(size)),
+        "dashpots and one ratio": add_modal_damping(dataclasses.replace(bare, damping=dashpots(size)), [0.02]),
+        "dashpots and a share of the stiffness": dataclasses.replace(bare, damping=dashpots(size) + 1e-5 * bare.stiffness),
+        "a brake and a shock absorber that pushes": dataclasses.replace(
+            bare, damping=dashpots(size) - 0.1 * dashpots(size, seed=9)
+        ),
+        "losses": dataclasses.replace(bare, hysteretic=losses(bare)),
+        "both": dataclasses.replace(bare, damping=dashpots(size), hysteretic=losses(bare)),
+        "free, damped to ground": dataclasses.replace(free, damping=np.diag([300.0, *[0.0] * (size - 1)])),
+        "free, damped inside": dataclasses.replace(free, damping=40.0 * np.outer(*[np.eye(size)[3] - np.eye(size)[9]] * 2)),
+    }
+
+
+@pytest.mark.parametrize("name", list(few_dampers()))
+def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_direct_solves(name):
+    system = few_dampers()[name]
+    model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
+    undamped = np.linalg.eigvalsh(
+        np.linalg.solve(np.diag(np.sqrt(np.diag(system.mass))), system.stiffness) / np.sqrt(np.diag(system.mass))
+    )
+    on_modes = np.sqrt(undamped[[5, 20]]) / (2.0 * np.pi)
+    frequencies = np.concatenate([[0.3], np.linspace(3.0, 900.0, 150), on_modes, [1e5]])
+    found = evaluate_frf(model, frequencies)
+    expected = model.direct.evaluate(2.0 * np.pi * frequencies)
+    assert found.method == "dampers"
+    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(found.receptance / scale, expected / scale, atol=1e-8)
+
+
+def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only_where_it_is_seen():
+    system = few_dampers()["dashpots"]
+    square = (2.0 * np.pi * 55.0) ** 2
+    alone = np.zeros((62, 62))
+    parts = {"mass": (system.mass, 1.0), "stiffness": (system.stiffness, square), "damping": (system.damping, 0.0)}
+    grown = {}
+    for name, (matrix, own) in parts.items():
+        grown[name] = alone.copy()
+        grown[name][:60, :60] = matrix
+        grown[name][60, 60] = grown[name][61, 61] = own
+    ports = {("a", "x"): np.eye(62)[0], ("alone", "x"): np.eye(62)[60]}
+    whole = SecondOrderSystem(inputs=ports, outputs=ports, labels=tuple(map(str, range(62))), **grown)
+    found = solve_frf(whole, np.array([55.0]), inputs=tuple(ports), outputs=tuple(ports))
+    assert found.method == "dampers"
+    assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
+
+
+def test_many_dampers_that_differ_take_the_sum_over_poles():
+    system = make_system(60, seed=4)
+    damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
+    assert solve_frf(dataclasses.replace(system, damping=damping), [10.0], inputs=PORTS, outputs=PORTS).method == "poles"
+
+
+def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles():
+    system = few_dampers()["dashpots"]
+    model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
+    expected = solve_damped(system).poles
+    found = find_peaks(model, 60.0)
+    for pole in expected[np.abs(expected) < 2.0 * np.pi * 60.0]:
+        assert np.abs(found - pole).min() < 0.2 * abs(pole.real)
 
 
 @pytest.mark.parametrize("name", list(cases()))
