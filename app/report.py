@@ -196,8 +196,12 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
             "To keep this page small only the first shapes of each pose move in it; modes/ beside it holds every mode, for"
             " ParaView (.vtu) and for 3D viewers (.glb)."
         )
-    if machine is not None and machine.coarser:
-        found.append(f"Drawn more coarsely than computed, to keep this page small: {', '.join(machine.coarser)}.")
+    if machine is not None and machine.thinned:
+        names = ", ".join(
+            f"{name} with {format_number(drawn)} of {format_number(whole)} faces"
+            for name, (drawn, whole) in machine.thinned.items()
+        )
+        found.append(f"Thinned out for drawing, not for computing: {names}.")
     return found
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
-from headstock.geometry.skin_merging import merge_skin
+from headstock.geometry.skin_decimation import decimate_skin
 from headstock.geometry.skins import Skin
 from headstock.pipeline.machine_views import MachineView, PoseView, ShiftArray, component_colors
 from headstock.pipeline.mode_files import largest_shift
@@ -36,12 +36,12 @@ class EncodedMachine:
     Attributes:
         text: JSON, safe inside a script element.
         left_out: How many of them the page does not hold.
-        coarser: Bodies drawn with fewer triangles than they have.
+        thinned: Bodies drawn with fewer triangles than the surface of their mesh or solid has: how many are drawn, of how many.
     """
 
     text: str
     left_out: int
-    coarser: tuple[str, ...]
+    thinned: dict[str, tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     }
     data["blob"] = base64.b64encode(zlib.compress(b"".join(blocks), COMPRESSION)).decode()
     count = sum(len(items) for items in shapes.values())
-    coarser = tuple(name for name, skin in drawn.items() if len(skin.triangles) < len(view.skins[name].triangles))
-    return EncodedMachine(script_json(data), count - sum(len(items) for items in offered.values()), coarser)
+    thinned = {name: (len(skin.triangles), skin.thinned_from) for name, skin in drawn.items() if skin.thinned_from is not None}
+    return EncodedMachine(script_json(data), count - sum(len(items) for items in offered.values()), thinned)
 
 
 def script_json(content: Any) -> str:
@@ -105,7 +105,7 @@ def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
 def _thin_out(view: MachineView) -> tuple[dict[str, Skin], dict[str, NDArray[np.int64]]]:
     """Surfaces small enough for a page that can be mailed, and which points of each were kept."""
     share = min(1.0, MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in view.skins.values())))
-    found = {name: merge_skin(skin, largest=max(12, int(share * len(skin.triangles)))) for name, skin in view.skins.items()}
+    found = {name: decimate_skin(skin, largest=max(12, int(share * len(skin.triangles)))) for name, skin in view.skins.items()}
     return {name: skin for name, (skin, _) in found.items()}, {name: kept for name, (_, kept) in found.items()}
 
 

@@ -22,6 +22,7 @@ class Skin:
         edges: ``(k, 2)`` sharp edges, indices into ``points``.
         source: What it was made of: the mesh, the solid, or, where neither is at hand, a box of equal inertia.
         nodes: ``(n,)`` mesh point behind each point; None where there is no mesh.
+        thinned_from: How many triangles it had before some were taken out; None where none were.
     """
 
     points: FloatArray
@@ -29,6 +30,7 @@ class Skin:
     edges: IntArray
     source: str
     nodes: IntArray | None = None
+    thinned_from: int | None = None
 
 
 def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:

@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.skin_merging import merge_skin
+from headstock.geometry.skin_decimation import decimate_skin
 from headstock.geometry.skins import Skin, sharp_edges
 from headstock.geometry.solid_skins import solid_skin
 from headstock.geometry.solids import MeshFile, Solid, StepFile
@@ -17,7 +17,7 @@ from headstock.meshing.element_topology import cell_order
 from headstock.meshing.mesh_surface import MeshSurface, extract_surface
 
 SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through their mid-nodes
-LARGEST_SKIN = 16_000  # triangles
+LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
 # a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2 3) (3 0)
 WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 SPLIT = {
@@ -27,7 +27,7 @@ SPLIT = {
 
 
 def mesh_skin(mesh: ComponentMesh) -> Skin:
-    """Boundary triangles of a mesh; those of very fine meshes are merged on a grid."""
+    """Boundary triangles of a mesh; of very fine ones only some."""
     return _boundary_skin(mesh.points, mesh.cells, mesh.kind)
 
 
@@ -43,7 +43,7 @@ def unmeshed_skin(solid: Solid) -> Skin | None:
     if isinstance(solid, StepFile):
         survey = survey_step(solid)
         drawn = Skin(survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid")
-        return merge_skin(drawn, largest=LARGEST_SKIN)[0]
+        return decimate_skin(drawn, largest=LARGEST_SKIN)[0]
     if isinstance(solid, MeshFile):
         data = read_mesh_file(solid, solid.path.name)
         drawn = _boundary_skin(data.points, data.cells, cast(CellKind, data.kind))
@@ -57,7 +57,7 @@ def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> S
     nodes, flat = np.unique(triangles, return_inverse=True)
     points, triangles = all_points[nodes], flat.reshape(-1, 3)
     skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)
-    return merge_skin(skin, largest=LARGEST_SKIN)[0]
+    return decimate_skin(skin, largest=LARGEST_SKIN)[0]
 
 
 def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:

@@ -264,7 +264,7 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
     name, pose = next(iter(view.poses.items()))
     machine = encode_machine(view, {name: [("push:tcp x", "", ""), ("mode:0", "", ""), ("mode:8", "", "")]})
     assert machine is not None
-    assert (machine.left_out, machine.coarser) == (0, ())
+    assert (machine.left_out, machine.thinned) == (0, {})
     data = json.loads(machine.text)
     block = zlib.decompress(base64.b64decode(data["blob"]))
     start = 0
@@ -326,8 +326,9 @@ def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says
     assert data["bytes"] == 1
     assert 2 * count - machine.left_out == sum(shown) and min(shown) >= 1 and max(shown) - min(shown) <= 1
     assert machine.left_out > 0
-    assert machine.coarser == tuple(skins)
-    assert sum(part["triangles"] for part in data["components"]) <= MOST_TRIANGLES
+    faces = [part["triangles"] for part in data["components"]]
+    assert machine.thinned == {name: (drawn, 2 * 120**2) for name, drawn in zip(skins, faces, strict=True)}
+    assert sum(faces) <= MOST_TRIANGLES
     # a surface that was thinned out moves as the points that are left of it do
     assert len(machine.text) < 2.9e6
     modes = {"pose_name": "p", "frequencies_hz": [1.0] * count, "mode_names": ["m"] * count, "rigid_count": 0}
@@ -341,7 +342,7 @@ def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says
         "energy_share": [{}] * count,
     }
     page = render_report({**summary, "modal": [full]}, view)
-    assert "To keep this page small" in page and "Drawn more coarsely than computed" in page
+    assert "To keep this page small" in page and f"big 0 with {format_number(faces[0])} of 28\u202f800 faces" in page
 
 
 def test_a_part_that_moves_rigidly_takes_six_numbers_however_fine_it_is() -> None:
