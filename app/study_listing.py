@@ -24,6 +24,7 @@ from headstock.pipeline.study_tables import (
     median_seconds,
     series_title,
     shorten_columns,
+    varied_numbers,
 )
 from headstock.pipeline.watch_paths import MEASURED_NAMES
 
@@ -85,19 +86,28 @@ def describe_timing(table: StudyTable) -> str:
 
 
 def study_csv(table: StudyTable) -> bytes:
-    """One row per point: family, varied keys, watched values, seconds with their spread, state."""
+    """One row per point: family, varied keys, watched values, seconds with their spread, state.
+
+    Varied quantities are numbers in SI with their unit in the head (``components.bed.mesh.size [m]``); other values stand as written.
+    """
+    numbers = {key: varied_numbers(table, key) for key in table.varied}
+    written = [
+        [show_value(row.record.varied[key]) if key in row.record.varied else None for row in table.rows] for key in table.varied
+    ]
+    varied = [written[place] if found is None else found.values for place, found in enumerate(numbers.values())]
+    heads = [f"{key} [{found.unit}]" if found is not None and found.unit else key for key, found in numbers.items()]
     columns = [column for column in table.columns if column not in MEASURED_NAMES]
     timing = ("seconds", "seconds spread", "cpu seconds", "threads", "ranks", "cached stages", "status", "error")
     rows = tuple(
         (
             row.record.family,
-            *(show_value(row.record.varied[key]) if key in row.record.varied else None for key in table.varied),
+            *(values[number] for values in varied),
             *(row.values.get(column) for column in columns),
             *_timing_cells(row.record),
         )
-        for row in table.rows
+        for number, row in enumerate(table.rows)
     )
-    return encode_csv(PlainTable("study", ("family", *table.varied, *columns, *timing), rows))
+    return encode_csv(PlainTable("study", ("family", *heads, *columns, *timing), rows))
 
 
 def list_study(table: StudyTable, scene: Path) -> Json:

@@ -1,9 +1,10 @@
-"""The quantities of a sweep that are mapped, as lists over its poses."""
+"""The quantities of a sweep that are mapped, as lists over its poses, and as a table."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.app.summary_tables import PlainTable
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.json_texts import Json
 
@@ -51,6 +52,22 @@ def list_quantities(summary: Json) -> list[Quantity]:
             for key, (title, unit) in FIGURE_TITLES.items()
         ]
     return found
+
+
+def tabulate_sweep(summary: Json) -> PlainTable:
+    """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and what gives most at each point."""
+    quantities = list_quantities(summary)
+    labels = summary["labels"] or [None] * len(summary["positions"])
+    axes = [f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)]
+    names = [f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name for quantity in quantities]
+    weakest = [(f"weakest {axis} at {name}", point["weakest"]) for name, point in summary["static"].items() for axis in "xyz"]
+    rows = []
+    for number, (positions, label, state) in enumerate(zip(summary["positions"], labels, summary["states"], strict=True)):
+        values = [float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None for quantity in quantities]
+        links = [links[number][place % 3] or None for place, (_, links) in enumerate(weakest)]
+        rows.append((number + 1, label, *positions, state, *values, *links, summary["errors"].get(str(number))))
+    heads = ("pose", "name", *axes, "state", *names, *(heading for heading, _ in weakest), "error")
+    return PlainTable("sweep", heads, tuple(rows))
 
 
 def _columns(summary: Json) -> list[FloatArray]:

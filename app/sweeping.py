@@ -14,10 +14,12 @@ from headstock.app.console import print_stage, warn_of_unused_accuracy
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
+from headstock.app.summary_tables import encode_csv
 from headstock.app.sweep_charts import draw_sweep
 from headstock.app.sweep_listing import print_sweep, print_sweep_header
 from headstock.app.sweep_page import render_sweep
 from headstock.app.sweep_parts import compute_part
+from headstock.app.sweep_quantities import tabulate_sweep
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.pose_journals import remove_other_journals
 from headstock.pipeline.rank_messages import share_from_root
@@ -98,6 +100,7 @@ def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder
     write_output(folder / SUMMARY, dump_json(summary).encode())
     if request.json_file is not None:
         write_output(request.json_file, dump_json(summary).encode())
+    write_output(folder / "sweep.csv", encode_csv(tabulate_sweep(summary)))
     figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
     for name, image in figures.items():
         write_output(folder / f"{name}.png", image)

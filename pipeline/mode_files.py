@@ -1,4 +1,4 @@
-"""Mode shapes for other programs: one ``.vtu`` per pose for ParaView, and one animated ``.glb`` per mode (glTF 2.0)."""
+"""Shapes for other programs: modes and static ones in a ``.vtu`` per pose for ParaView, an animated ``.glb`` per mode (glTF 2.0)."""
 
 import base64
 import json
@@ -38,14 +38,15 @@ def write_mode_files(folder: Path, summary: Json, view: MachineView) -> list[Pat
     """
     target = folder / MODES_FOLDER
     written: list[Path] = []
-    for modes in summary["modal"]:
-        pose = view.poses.get(modes["pose_name"])
-        if pose is None or not pose.shifts or not modes["frequencies_hz"]:
+    by_pose = {modes["pose_name"]: modes for modes in summary["modal"]}
+    for name, pose in view.poses.items():
+        modes = by_pose.get(name, {"frequencies_hz": []})
+        if not pose.pushes and not (pose.shifts and modes["frequencies_hz"]):
             continue
         _make_folder(target)
-        stem = file_stem(modes["pose_name"])
+        stem = file_stem(name)
         contents = {f"{stem}.vtu": encode_vtu(view, pose, modes)}
-        for index in range(len(modes["frequencies_hz"])):
+        for index in range(len(modes["frequencies_hz"]) if pose.shifts else 0):
             contents[f"{stem}_{index + 1:02d}.glb"] = encode_glb(view, pose, modes, index)
         for name, content in contents.items():
             written.append(target / name)
@@ -80,7 +81,11 @@ def largest_shift(shifts: Sequence[AnyArray]) -> float:
 
 
 def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
-    """Surface of the machine in a pose with one displacement vector per mode; ``component`` numbers the bodies.
+    """Surface of the machine in a pose [m] with its displacements.
+
+    Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes [m/sqrt(kg)], ``static_POINT_x`` displacements
+    under a unit force at a point [m/N]. Field data: ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode,
+    NaN where there is none. The names are the same whatever the results, so that a ParaView state fits the next run.
 
     Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
     """
@@ -94,9 +99,16 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
         start += len(skin.points)
     every = np.vstack(triangles).astype(np.int64)
     fields = [_data_array("component", np.concatenate(numbers))]
-    for index, frequency in enumerate(modes["frequencies_hz"]):
+    frequencies = modes["frequencies_hz"] if pose.shifts else []
+    for index in range(len(frequencies)):
         shape = np.vstack([pose.shifts[name][index] for name in view.skins])
-        fields.append(_data_array(f"mode {index + 1:02d}: {frequency:.3f} Hz", shape.astype(np.float32)))
+        fields.append(_data_array(f"mode_{index + 1:02d}", shape.astype(np.float32)))
+    for push, shifts in pose.pushes.items():
+        shape = np.vstack([shifts[name] for name in view.skins])
+        fields.append(_data_array(f"static_{push.replace(' ', '_')}", shape.astype(np.float32)))
+    about = [_field_array("frequencies_hz", frequencies)] if frequencies else []
+    if any(ratio is not None for ratio in modes.get("damping_ratio", [])):
+        about.append(_field_array("damping_ratio", [math.nan if ratio is None else ratio for ratio in modes["damping_ratio"]]))
     cells = [
         _data_array("connectivity", every.ravel()),
         _data_array("offsets", np.arange(3, every.size + 3, 3, dtype=np.int64)),
@@ -106,7 +118,8 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
         [
             '<?xml version="1.0"?>',
             '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-            f'<UnstructuredGrid><Piece NumberOfPoints="{start}" NumberOfCells="{len(every)}">',
+            f"<UnstructuredGrid><FieldData>{''.join(about)}</FieldData>",
+            f'<Piece NumberOfPoints="{start}" NumberOfCells="{len(every)}">',
             f"<Points>{_data_array('points', np.vstack(points))}</Points>",
             f"<Cells>{''.join(cells)}</Cells>",
             f"<PointData>{''.join(fields)}</PointData>",
@@ -200,6 +213,12 @@ def _glb_container(text: bytes, binary: bytes) -> bytes:
 def _glb_chunks(chunks: Sequence[tuple[bytes, bytes]]) -> Iterator[bytes]:
     for kind, data in chunks:
         yield struct.pack("<I4s", len(data), kind) + data
+
+
+def _field_array(name: str, values: Sequence[float]) -> str:
+    # a field has no length of its own: without it readers expect one value
+    text = _data_array(name, np.array(values, dtype=np.float64))
+    return text.replace(" format=", f' NumberOfTuples="{len(values)}" format=', 1)
 
 
 def _data_array(name: str, array: AnyArray) -> str:

@@ -4,8 +4,9 @@ import contextlib
 import hashlib
 import io
 import json
+import re
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import h5py
@@ -26,6 +27,27 @@ VERSION = 1
 RESULTS_FILE = "results.h5"
 SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
+
+
+# pattern of the path of a data set to its unit
+UNITS = {
+    r"labels|modal/.*/names|(frf|path)/.*/(inputs|outputs)": "",
+    r"view/.*/(edges|nodes|triangles|cells)": "",
+    r"(view|modal)/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
+    r"(view|modal)/.*/rotation|view/axes/.*": "1",
+    r"view/poses/.*/pushes/.*": "m/N",
+    r"view/poses/.*/shifts/.*": "m/sqrt(kg)",
+    r"(modal|frf)/.*/frequencies_hz": "Hz",
+    r"modal/.*/shapes": "SI: m or rad per sqrt(kg), by labels",
+    r"static/.*/compliance": "SI: m and rad per N and N m",
+    r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
+    r"joints/.*/stiffness": "SI: N and N m per m and rad",
+    r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
+    r"path/.*/times": "s",
+    r"path/.*/positions": "m",
+    r"path/.*/accelerations": "m/s^2",
+    r"path/.*": "SI: m or rad, by outputs",
+}
 
 
 class OutputError(HeadstockError):
@@ -131,6 +153,24 @@ def _fill(file: h5py.File, results: Results) -> None:
         fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
     for modes in results.modal:
         _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
+    mark_units(file, UNITS)
+
+
+def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
+    """Give every data set the attribute ``unit``: ``1`` for numbers without one, empty for words and indices.
+
+    Args:
+        file: Complete.
+        units: Pattern of whole paths to unit; the first that fits counts, and what none fits stays as it is.
+    """
+
+    def mark(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            found = next((unit for pattern, unit in units.items() if re.fullmatch(pattern, name)), None)
+            if found is not None:
+                item.attrs["unit"] = found
+
+    file.visititems(mark)
 
 
 def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
@@ -138,9 +178,10 @@ def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
     group["shapes"] = modes.shapes
     group.attrs["rigid_count"] = modes.rigid_count
     group["names"] = np.char.encode(np.array(modes.mode_names, dtype=str), "utf-8")
-    pose = group.create_group("pose")
+    pose, units = group.create_group("pose"), group.create_group("pose_units")
     for axis, position in modes.pose.positions.items():
         pose.attrs[axis] = position
+        units.attrs[axis] = modes.pose_units.get(axis, "")
     for name, frame in modes.placements.items():
         group[f"placements/{name}/origin"] = frame.origin
         group[f"placements/{name}/rotation"] = frame.rotation

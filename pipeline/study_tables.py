@@ -9,7 +9,7 @@ from typing import Any
 from headstock.pipeline.convergence_orders import LEAST_SIZES, Extrapolation, extrapolate_values
 from headstock.pipeline.study_points import Study, StudyFamily, show_value
 from headstock.pipeline.study_records import StudyRecord
-from headstock.pipeline.units import LENGTH, parse_quantity
+from headstock.pipeline.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
 from headstock.pipeline.watch_paths import MEASURED_NAMES, WatchError, parse_watch, read_watch
 
 MESH_SIZE = re.compile(r"components\.[^.]+\.mesh\.size")
@@ -77,6 +77,42 @@ def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:
     columns = tuple(dict.fromkeys(column for row in rows for column in row.values))
     varied = tuple(dict.fromkeys(key for family in study.families for key in family.vary))
     return StudyTable(study, varied, columns, rows, tuple(_size_series(study, columns, rows)))
+
+
+@dataclass(frozen=True)
+class VariedNumbers:
+    """The values of a varied key as numbers: one per row of a table (None where a row has not the key), and their SI unit."""
+
+    unit: str
+    values: tuple[float | None, ...]
+
+
+def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
+    """The values of a varied key as numbers in SI; None where some are no single number, or their units differ in kind."""
+    read = [_read_number(row.record.varied[key]) if key in row.record.varied else _ABSENT for row in table.rows]
+    units = {item.unit for item in read if item is not None and item.value is not None}
+    if None in read or len(units) != 1:
+        return None
+    return VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
+
+
+@dataclass(frozen=True)
+class _Number:
+    value: float | None
+    unit: str
+
+
+_ABSENT = _Number(None, "")
+
+
+def _read_number(value: Any) -> _Number | None:
+    if is_number(value):
+        return _Number(value, "")
+    try:
+        found = parse_quantity(value, *DIMENSIONS) if isinstance(value, str) else None
+    except UnitError:
+        return None
+    return None if found is None else _Number(found.value, found.dimension.unit)
 
 
 def median_seconds(record: StudyRecord, name: str = "seconds") -> tuple[float, float] | None:

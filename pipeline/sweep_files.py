@@ -10,12 +10,26 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.pose_results import FIGURES
-from headstock.pipeline.result_files import write_output
+from headstock.pipeline.result_files import mark_units, write_output
 from headstock.pipeline.sweep_results import PointMap, SweepResults
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1
 UM_PER_KN, N_PER_UM = 1e9, 1e-6
+# pattern of the path of a data set to its unit
+UNITS = {
+    r"axes|units|states|errors|shape|modal/tracked/(names|index)|static/.*/weakest": "",
+    r"positions": "SI: m or rad, by units",
+    r"modal/(tracked/)?frequencies_hz|frf/.*_hz": "Hz",
+    r"modal/shapes": "SI: m or rad per sqrt(kg)",
+    r"modal/rigid_count|modal/tracked/correlation|condition_number|static/.*/(direction|ratio|weakest_share)": "1",
+    r"static/.*/largest": "m/N",
+    r"static/.*/compliance": "m/N",
+    r"frf/.* r[xyz]/worst_real": "rad/(N m)",
+    r"frf/.* r[xyz]/.*": "N m/rad",
+    r"frf/.*/worst_real": "m/N",
+    r"frf/.*": "N/m",
+}
 
 
 def write_sweep(folder: Path, results: SweepResults) -> None:
@@ -54,6 +68,7 @@ def _fill(file: h5py.File, results: SweepResults) -> None:
         group = file.create_group(f"frf/{name} {direction}")
         for column, figure in enumerate(FIGURES):
             group[figure] = values[:, column]
+    mark_units(file, UNITS)
 
 
 def _fill_point(group: h5py.Group, point: PointMap) -> None:

@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -98,6 +99,14 @@ def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> N
     html = (run_folder / "report.html").read_text()
     assert render_report(read_summary(run_folder), read_view(run_folder), curves=read_curves(run_folder)) == html
     assert html.count('class="response"') == 1 and "response-data" in html
+
+
+def test_every_array_of_the_results_says_its_unit(run_folder: Path) -> None:
+    with h5py.File(run_folder / "results.h5") as file:
+        units: dict[str, str | None] = {}
+        file.visititems(lambda name, item: units.update({name: item.attrs.get("unit")}) if isinstance(item, h5py.Dataset) else None)
+    assert len(units) > 10
+    assert [name for name, unit in units.items() if unit is None] == []
 
 
 def test_the_numbers_behind_the_cursor_are_the_curves(run_folder: Path) -> None:

@@ -86,6 +86,9 @@ def test_a_mesh_size_that_is_varied_gives_orders_of_convergence(scene_file: Path
     assert series["order"] is None
     assert "does not depend" in series["remark"]
     assert series["sizes_m"] == pytest.approx([0.04, 0.02, 0.01])
+    with (folder / "study.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["components.column.mesh.size [m]"]) for row in rows] == [0.04, 0.02, 0.01]
 
 
 def test_a_bad_value_is_refused_before_anything_is_computed(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

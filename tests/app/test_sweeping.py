@@ -1,9 +1,11 @@
 """The command ``sweep``: what it prints, its files, and its page."""
 
+import csv
 import json
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -23,9 +25,29 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_sweep_leaves_results_page_pictures_and_journal(swept: Path) -> None:
     assert {path.name for path in swept.iterdir()} == {
-        "sweep.h5", "sweep.json", "report.html", "modes.png", "stiffness.png", "poses"
+        "sweep.h5", "sweep.json", "sweep.csv", "report.html", "modes.png", "stiffness.png", "poses"
     }  # fmt: skip
     assert (swept / "sweep.json").read_bytes() == (swept.parent / "said.json").read_bytes()
+
+
+def test_the_table_of_a_sweep_has_a_row_per_pose_with_numbers_and_units_in_its_head(swept: Path) -> None:
+    summary = json.loads((swept / "sweep.json").read_text())
+    with (swept / "sweep.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["X [m]"]) for row in rows] == [place[0] for place in summary["positions"]]
+    assert [float(row["mode_1 [Hz]"]) for row in rows] == [row[0] for row in summary["frequencies_hz"]]
+    stiff = [matrix[2][2] for matrix in summary["static"]["tcp"]["compliance_um_per_kN"]]
+    assert [float(row["compliance_tcp_z [um/kN]"]) for row in rows] == stiff
+    assert [row["weakest y at tcp"] for row in rows] == [names[1] for names in summary["static"]["tcp"]["weakest"]]
+    assert {row["state"] for row in rows} == {"done"}
+
+
+def test_every_array_of_a_sweep_says_its_unit(swept: Path) -> None:
+    with h5py.File(swept / "sweep.h5") as file:
+        units: dict[str, str | None] = {}
+        file.visititems(lambda name, item: units.update({name: item.attrs.get("unit")}) if isinstance(item, h5py.Dataset) else None)
+    assert None not in units.values()
+    assert (units["modal/frequencies_hz"], units["static/tcp/compliance"]) == ("Hz", "m/N")
 
 
 def test_the_page_is_whole_and_refers_to_nothing_outside(swept: Path) -> None:

@@ -1,5 +1,6 @@
 """Mode files can be read back: ``.vtu`` by meshio, ``.glb`` by the rules of glTF 2.0."""
 
+import dataclasses
 import json
 import struct
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import pyvista
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.solid_skins import box_skin
@@ -23,7 +25,8 @@ def make_view() -> MachineView:
     placements = {NAMES[0]: Frame(), NAMES[1]: Frame(np.array([1.0, 2.0, 3.0]), turn)}
     rng = np.random.default_rng(1)
     shifts = {name: rng.normal(size=(2, 8, 3)).astype(np.float32) for name in NAMES}
-    return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts)})
+    pushes = {name: rng.normal(size=(8, 3)).astype(np.float32) for name in NAMES}
+    return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts, {"tcp x": pushes})})
 
 
 def read_glb(content: bytes) -> tuple[dict, bytes]:
@@ -58,8 +61,31 @@ def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
     (cells,) = mesh.cells
     assert cells.type == "triangle" and len(cells.data) == 24 and cells.data.max() == 15
     np.testing.assert_array_equal(mesh.point_data["component"], [0] * 8 + [1] * 8)
-    found = mesh.point_data["mode 02: 87.250 Hz"]
+    assert list(mesh.point_data) == ["component", "mode_01", "mode_02", "static_tcp_x"]
+    np.testing.assert_array_equal(mesh.point_data["static_tcp_x"], np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]))
+    found = mesh.point_data["mode_02"]
     np.testing.assert_array_equal(found, np.vstack([view.poses["a/b"].shifts[name][1] for name in NAMES]))
+
+
+def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(tmp_path: Path) -> None:
+    view = make_view()
+    for frequencies in ([0.0, 87.25], [0.0, 91.5]):
+        path = tmp_path / "a.vtu"
+        path.write_bytes(
+            encode_vtu(view, view.poses["a/b"], MODES | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]})
+        )
+        grid = pyvista.read(path)
+        np.testing.assert_array_equal(grid.field_data["frequencies_hz"], frequencies)
+        np.testing.assert_array_equal(grid.field_data["damping_ratio"], [np.nan, 0.02])
+        assert grid.point_data.keys() == ["component", "mode_01", "mode_02", "static_tcp_x"]
+
+
+def test_static_shapes_are_written_without_modes(tmp_path: Path) -> None:
+    view = make_view()
+    pose = dataclasses.replace(view.poses["a/b"], shifts={})
+    written = write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(view, poses={"a/b": pose}))
+    assert [path.name for path in written] == ["a_b.vtu"]
+    assert list(meshio.read(written[0]).point_data) == ["component", "static_tcp_x"]
 
 
 def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> None:
@@ -95,7 +121,7 @@ def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(tm
 
 
 def test_a_run_without_modes_leaves_no_folder(tmp_path: Path) -> None:
-    assert write_mode_files(tmp_path, {"modal": []}, make_view()) == []
+    assert write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(make_view(), poses={})) == []
     assert list(tmp_path.iterdir()) == []
 
 

@@ -33,6 +33,7 @@ MODES = PoseModes(
     kinetic_share=({"column": 1.0}, {"column": 1.0}),
     shapes=np.eye(6)[:, :2],
     placements={"column": Frame()},
+    pose_units={"X": "m"},
 )
 
 
@@ -112,6 +113,16 @@ def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(
         with pytest.raises(AccuracyError, match="not finite"):
             publish_summary(pending, tmp_path, results)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_every_array_of_the_results_says_its_unit(tmp_path: Path) -> None:
+    write_all(tmp_path, make_results())
+    with h5py.File(tmp_path / "results.h5") as file:
+        units: dict[str, str | None] = {}
+        file.visititems(lambda name, item: units.update({name: item.attrs.get("unit")}) if isinstance(item, h5py.Dataset) else None)
+        assert file["modal/config_1/pose_units"].attrs["X"] == "m"
+    assert None not in units.values()
+    assert units["joints/guide/stiffness"] == "SI: N and N m per m and rad" and units["modal/config_1/frequencies_hz"] == "Hz"
 
 
 def test_results_hold_shapes_compliances_and_joint_springs(tmp_path: Path) -> None:
