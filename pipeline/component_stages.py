@@ -18,7 +18,9 @@ from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState, component_loads, component_supports
 from headstock.pipeline.stages import Stage
 from headstock.pipeline.store import read_entry, write_entry
+from headstock.pipeline.stored_superelements import StoredRequest, find_superelement, keep_superelement
 from headstock.pipeline.superelement_files import read_superelement
+from headstock.reduction.reduction_requests import ReductionRequest, mode_target, needs_mass
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.segmented_reduction import reduce_segmented, segment_skin
 from headstock.reduction.superelement import Superelement
@@ -54,15 +56,14 @@ def run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     mesh = state.meshes.pop(component.name)
     supports, loads = component_supports(state, component), component_loads(state, component)
     elastic = importlib.import_module(ELASTIC_MODULE)
-    modes = elastic.mode_target(component) if state.plan.with_modes else None
-    request = elastic.ReductionRequest(modes=modes, gravity=state.plan.gravity is not None)
+    request = _reduction_request(state, component)
     superelement: Superelement = elastic.reduce_elastic(component, mesh, supports, loads, comm=state.comm, request=request)
     if not state.is_root:
         return Outcome()
     check_superelement(superelement)
     reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
     state.reduced[component.name] = reduced
-    state.warn(write_entry(state.store, _reduced_key(state, component), reduced))
+    state.warn(keep_superelement(state.store, _stored_request(state, component), reduced))
     return Outcome(detail=_describe(superelement))
 
 
@@ -106,7 +107,7 @@ def _component(state: RunState, stage: Stage) -> Component:
 
 
 def _load_reduced(state: RunState, component: Component) -> bool:
-    read = read_entry(state.store, _reduced_key(state, component), ReducedComponent)
+    read = find_superelement(state.store, _stored_request(state, component))
     state.warn(read.warning)
     if read.value is None:
         return False
@@ -116,13 +117,18 @@ def _load_reduced(state: RunState, component: Component) -> bool:
     return True
 
 
-def _reduced_key(state: RunState, component: Component) -> str:
-    return superelement_key(
-        component,
-        component_supports(state, component),
-        component_loads(state, component),
-        with_modes=state.plan.with_modes,
-        with_gravity=state.plan.gravity is not None,
+def _reduction_request(state: RunState, component: Component) -> ReductionRequest:
+    return ReductionRequest(modes=mode_target(component) if state.plan.with_modes else None, gravity=state.plan.gravity is not None)
+
+
+def _stored_request(state: RunState, component: Component) -> StoredRequest:
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    request = _reduction_request(state, component)
+    return StoredRequest(
+        key=superelement_key(component, supports, loads),
+        reduction=request,
+        mass=needs_mass(component, supports, loads, request),
+        verify=component.reduction.verify,
     )
 
 

@@ -49,17 +49,15 @@ def skin_key(component: Component) -> str:
     )
 
 
-def superelement_key(
-    component: Component, supports: Sequence[Support], loads: Sequence[Load], *, with_modes: bool, with_gravity: bool
-) -> str:
-    """Key of an elastic component's superelement: its mesh, material, couplings, supports, loads and kept modes.
+def superelement_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
+    """Key of an elastic component's superelements: its mesh, material, couplings, supports and loads.
+
+    How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that holds more serves for less.
 
     Args:
-        component: With the reduction settings the plan decided on.
+        component: Elastic component.
         supports: On this component.
         loads: On this component; of tractions and body loads only the place counts, as a superelement holds their unit loads.
-        with_modes: Mass and fixed-interface modes are wanted.
-        with_gravity: Unit gravity loads are wanted.
     """
     material = component.material
     return _digest(
@@ -72,8 +70,6 @@ def superelement_key(
             "couplings": {name: (interface.coupling, interface.rail) for name, interface in component.interfaces.items()},
             "supports": {support.name: sorted(support.directions) for support in supports},
             "loads": {load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"},
-            "modes": component.reduction if with_modes else None,
-            "gravity": with_gravity,
         }
     )
 

@@ -51,6 +51,15 @@ def entry_path(store: Store, kind: str, key: str) -> Path:
     return store.root / kind / key[:2] / f"{key}.h5"
 
 
+def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
+    """Keys of the entries of a kind that begin so, in their order; whether they can be believed shows when they are read."""
+    folder = entry_path(store, _folder(kind), prefix).parent
+    try:
+        return sorted(path.stem for path in folder.iterdir() if path.name.startswith(prefix) and path.suffix == ".h5")
+    except OSError:
+        return []
+
+
 def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
     """The record stored under a key, verified; a missing entry is no warning."""
     path = entry_path(store, _folder(kind), key)

@@ -8,9 +8,9 @@ from headstock.geometry.components import Component, Load
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.interface_patches import measure_patch
+from headstock.reduction.reduction_requests import GRAVITY
 from headstock.solvers.elasticity import ElasticOperators
 
-GRAVITY = "gravity"
 AXES = "xyz"
 
 

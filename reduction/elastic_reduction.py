@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -17,33 +16,15 @@ from headstock.reduction.constraint_modes import find_constraint_modes
 from headstock.reduction.fixed_interface_modes import FixedInterfaceModes, find_fixed_interface_modes, verify_mode_count
 from headstock.reduction.locking_elements import judge_element_order
 from headstock.reduction.mean_constraints import MeanConstraints, local_dofs
+from headstock.reduction.reduction_requests import ReductionRequest, mode_target, needs_mass
 from headstock.reduction.rigid_stiffness import without_rigid_stiffness
 from headstock.reduction.subspace_projection import ReductionSpace, project_component
 from headstock.reduction.superelement import StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.reduction.truncation_moments import measure_truncation
-from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.constrained_solver import ConstrainedSolver
 from headstock.solvers.discretisation_error import estimate_missing_energy
 from headstock.solvers.elasticity import ElasticOperators, assemble_elasticity
-from headstock.solvers.errors import ModelError
-
-
-@dataclass(frozen=True)
-class ReductionRequest:
-    """What a reduction has to deliver.
-
-    Attributes:
-        modes: Fixed-interface modes to keep; None for a static reduction without mass.
-        gravity: Keep the response to unit gravity along each component axis.
-        recovery: Keep the recovery basis on rank 0.
-        errors: Estimate the discretisation error on rank 0; needs the recovery basis.
-    """
-
-    modes: ModeTarget | None = None
-    gravity: bool = False
-    recovery: bool = True
-    errors: bool = True
 
 
 def reduce_elastic(
@@ -76,10 +57,8 @@ def reduce_elastic(
     Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al. (2019).
     """
     request = request or ReductionRequest(modes=mode_target(component))
-    with_mass = request.modes is not None or request.gravity or any(load.kind == "body" for load in loads)
-    operators = assemble_elasticity(
-        mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass or _is_loose(component, supports)
-    )
+    with_mass = needs_mass(component, supports, loads, request)
+    operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass)
     return reduce_operators(component, mesh, operators, supports, loads, request=request)
 
 
@@ -131,22 +110,6 @@ def _missing_energy(component: Component, mesh: ComponentMesh, element: Superele
     return np.asarray(strained @ result @ strained)
 
 
-def mode_target(component: Component) -> ModeTarget:
-    """Mode target of a component's own reduction settings.
-
-    Raises:
-        ModelError: The component leaves the choice open.
-    """
-    settings = component.reduction
-    if settings.modes is not None:
-        return ModeTarget(count=settings.modes)
-    if settings.modes_to_hz is not None:
-        return ModeTarget(up_to_hz=settings.modes_to_hz)
-    raise ModelError(
-        f"component {component.name}: no number of fixed-interface modes was chosen; set reduction.modes or reduction.modes_to"
-    )
-
-
 def scaled_material(component: Component, mesh: ComponentMesh) -> Material:
     """The component's material, its density scaled so that a stated mass comes out."""
     if component.mass is None:
@@ -174,7 +137,3 @@ def _gather_recovery(operators: ElasticOperators, mesh: ComponentMesh, vectors: 
     for nodes, rows in parts:
         result[nodes] = rows.reshape(len(nodes), 3, vectors.shape[1])
     return result.reshape(3 * len(mesh.points), vectors.shape[1])
-
-
-def _is_loose(component: Component, supports: Sequence[Support]) -> bool:
-    return not component.interfaces and not supports

@@ -14,7 +14,8 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.mesh_surface import extract_surface
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.sturm_count import count_frequencies_below

@@ -14,7 +14,8 @@ from headstock.geometry.machines import Machine, Pose
 from headstock.geometry.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.damping_models import add_modal_damping
 from headstock.solvers.frequency_response import solve_frf

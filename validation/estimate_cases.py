@@ -9,8 +9,9 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.frequency_errors import bound_frequency_errors, truncated_parts
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.factorization import BoolArray

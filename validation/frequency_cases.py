@@ -13,7 +13,8 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.pipeline.planner import FRF_MARGIN
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, mode_target, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest, mode_target
 from headstock.solvers.frequency_response import solve_frf
 from headstock.solvers.modal_coordinates import keep_modes, to_modal_coordinates
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem

@@ -19,8 +19,9 @@ from headstock.pipeline.frf_errors import ResponseEstimate, add_figure_errors
 from headstock.pipeline.frf_results import PortFigures
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.mesh_errors import meshed_parts
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.response_errors import bound_response_errors
 from headstock.reduction.response_space import ErrorSources, project_response
 from headstock.solvers.block_lanczos import ModeTarget

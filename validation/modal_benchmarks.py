@@ -14,7 +14,8 @@ from headstock.geometry.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.component_meshing import describe_component
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.block_lanczos import ModeTarget

@@ -12,8 +12,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.meshing.mesh_surface import extract_surface
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.rails import Rail, carriage_rows, place_knots
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.validation.case_rows import ValidationRow, judge_bound, show
 from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
 

@@ -11,7 +11,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.component_meshing import mesh_component
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 
 Compliance = dict[tuple[str, str], FloatArray]
 

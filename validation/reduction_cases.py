@@ -7,7 +7,8 @@ from mpi4py import MPI
 from headstock.geometry.components import Component
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.block_lanczos import ModeTarget

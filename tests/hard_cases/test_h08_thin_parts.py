@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.components import Patch, Support
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.errors import ModelError
 from headstock.validation.full_models import full_displacement, full_model, full_modes
 

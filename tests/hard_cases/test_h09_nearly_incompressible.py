@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.components import Load, Patch, Support
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.validation.element_integrals import integrate_over_cells
 from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
 

@@ -10,7 +10,8 @@ from headstock.geometry.components import Component, Interface, MeshSettings, Pa
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.meshing.component_meshing import mesh_component
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF

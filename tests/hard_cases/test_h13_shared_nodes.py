@@ -7,8 +7,9 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_transfer
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.interface_patches import measure_patch
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.block_lanczos import ModeTarget
 
 COMM = MPI.COMM_SELF

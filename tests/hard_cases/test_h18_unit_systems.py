@@ -8,7 +8,8 @@ from mpi4py import MPI
 
 from headstock.geometry.components import Load, Patch
 from headstock.geometry.materials import Material
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.validation.full_models import full_model, full_modes
 

@@ -11,7 +11,8 @@ from headstock.geometry.components import Component, Interface, MeshSettings, Pa
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.meshing.component_meshing import mesh_component
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.validation.full_models import full_model, full_modes

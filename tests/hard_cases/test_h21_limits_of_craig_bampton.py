@@ -5,7 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.components import Load, Patch
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.block_lanczos import ModeTarget
 
 COMM = MPI.COMM_SELF

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.sturm_count import count_frequencies_below

@@ -22,7 +22,7 @@ COLUMN = Component("column", Box((0.1, 0.1, 0.5)), Material("steel", 2.1e11, 0.3
 
 def test_another_version_of_a_library_or_of_our_own_code_is_another_key(monkeypatch: pytest.MonkeyPatch) -> None:
     def keys() -> tuple[str, str]:
-        return mesh_key(COLUMN, (), ()), superelement_key(COLUMN, (), (), with_modes=True, with_gravity=False)
+        return mesh_key(COLUMN, (), ()), superelement_key(COLUMN, (), ())
 
     before = keys()
     monkeypatch.setattr(content_keys, "library_versions", lambda names: dict.fromkeys(names, "99"))

@@ -7,7 +7,8 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import MeshFile
 from headstock.meshing.component_meshing import mesh_component
 from headstock.meshing.serendipity_cells import complete_hexes
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.validation.element_integrals import integrate_over_cells
 from headstock.validation.structured_meshes import lattice_cells, lattice_sides, straight_lattice, write_lattice
 

@@ -18,15 +18,17 @@ from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, SuperelementFile
-from headstock.pipeline import component_stages
+from headstock.pipeline import component_stages, content_keys
 from headstock.pipeline.analysis_requests import Analyses, ModalRequest, StaticRequest
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.results import Results
-from headstock.pipeline.runner import run_scene
+from headstock.pipeline.run_state import RunState
+from headstock.pipeline.runner import HANDLERS, run_scene
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.store import Store
 from headstock.pipeline.superelement_files import write_superelement
 from headstock.reduction import elastic_reduction
+from headstock.reduction.superelement import Superelement
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")}
@@ -299,3 +301,118 @@ def test_stages_are_reported_as_they_end_with_their_cost(tmp_path: Path) -> None
     )
     assert seen == [record.stage.kind for record in results.stages]
     assert all(record.seconds >= 0.0 and record.peak_rss_mb > 10.0 for record in results.stages)
+
+
+# mode shapes are searched to 1e-7 (frequencies to its square), the first mode left out, which is the cut-off, to 1e-3 (1e-6), and
+# error estimates are summed in single precision
+SHAPES, NEXT_MODE = 1e-6, 1e-5
+
+
+def ask(scene: Scene, **changes: Any) -> Scene:
+    """The scene with other reduction settings of its column, ``gravity`` or ``static_only``."""
+    effects = frozenset({"gravity"}) if changes.pop("gravity", False) else frozenset[str]()
+    analyses = Analyses(scene.analyses.static, None) if changes.pop("static_only", False) else scene.analyses
+    column = scene.machine.components["column"]
+    # not square: the shapes of repeated modes are any combination of each other
+    column = dataclasses.replace(column, solid=Box((0.05, 0.04, 0.2)), reduction=ReductionSettings(**changes))
+    scene = change_machine(scene, components={**scene.machine.components, "column": column}, gravity=(0.0, 0.0, -9.81))
+    return dataclasses.replace(scene, effects=effects, analyses=analyses)
+
+
+def column_of(scene: Scene, store: Path) -> tuple[Superelement, bool]:
+    """The column's superelement, and whether it was taken from the store."""
+    plan = plan_scene(scene)
+    state = RunState(scene, plan, MPI.COMM_SELF, Store(store))
+    outcomes = [HANDLERS[stage.kind](state, stage) for stage in plan.stages if stage.component == "column"]
+    return state.reduced["column"].superelement, all(outcome.cached for outcome in outcomes)
+
+
+def assert_same_numbers(one: Any, other: Any, path: str = "superelement") -> None:
+    """Equal to ``SHAPES`` of the largest entry, whatever fields a record has."""
+    if dataclasses.is_dataclass(one):
+        for field in dataclasses.fields(one):
+            if field.name != "residual":  # of the solves behind it
+                assert_same_numbers(getattr(one, field.name), getattr(other, field.name), f"{path}.{field.name}")
+    elif isinstance(one, dict):
+        assert sorted(one) == sorted(other), path
+        for key in one:
+            assert_same_numbers(one[key], other[key], f"{path}.{key}")
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), path
+        for index, (first, second) in enumerate(zip(one, other, strict=True)):
+            assert_same_numbers(first, second, f"{path}[{index}]")
+    elif isinstance(one, np.ndarray):
+        assert one.shape == other.shape, path
+        scale = float(np.abs(one).max(initial=0.0))
+        # a particular response is what is left of a static one without the share of its modes
+        tolerance = 10 * SHAPES if path.endswith("particular") else SHAPES
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=tolerance * scale, err_msg=path)
+    elif isinstance(one, float):
+        assert other == pytest.approx(one, rel=NEXT_MODE), path
+    else:
+        assert one == other, path
+
+
+RICH = {"modes": 14, "gravity": True, "verify": True}
+
+
+@pytest.mark.parametrize(
+    "poorer",
+    [
+        {"modes": 6, "gravity": True},
+        {"modes": 6},
+        {"modes": 1, "verify": True},
+        {"modes": 0},
+        {"modes_to_hz": 9000.0},
+        {"static_only": True},
+        {"static_only": True, "gravity": True},
+    ],
+    ids=lambda wanted: " ".join(f"{key}={value}" for key, value in wanted.items()),
+)
+def test_a_richer_stored_superelement_serves_as_if_reduced_for_the_poorer_request(tmp_path: Path, poorer: dict[str, Any]) -> None:
+    scene = make_scene()
+    column_of(ask(scene, **RICH), tmp_path / "one")
+    served, cached = column_of(ask(scene, **poorer), tmp_path / "one")
+    cold, fresh = column_of(ask(scene, **poorer), tmp_path / "other")
+    assert cached and not fresh
+    assert_same_numbers(cold, served)
+    np.testing.assert_allclose(served.modal_frequencies_hz, cold.modal_frequencies_hz, rtol=1e-10)
+    boundary = slice(0, cold.boundary_size)
+    for one, other in ((cold.stiffness, served.stiffness), (cold.mass, served.mass)):
+        np.testing.assert_allclose(other[boundary, boundary], one[boundary, boundary], rtol=0.0, atol=1e-12 * one.max())
+
+
+@pytest.mark.parametrize(
+    "richer",
+    [{"modes": 8}, {"modes_to_hz": 1.5e4}, {"modes": 5, "gravity": True}, {"modes": 5, "verify": True}],
+    ids=lambda wanted: " ".join(f"{key}={value}" for key, value in wanted.items()),
+)
+def test_a_poorer_stored_superelement_does_not_serve(tmp_path: Path, richer: dict[str, Any]) -> None:
+    scene = make_scene()
+    column_of(ask(scene, modes=5), tmp_path)
+    assert not column_of(ask(scene, **richer), tmp_path)[1]
+
+
+def test_a_stored_superelement_serves_no_other_body_and_no_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = make_scene()
+    column_of(ask(scene, **RICH), tmp_path)
+    heavier = dataclasses.replace(scene.machine.components["column"], mass=9.0)
+    other = change_machine(scene, components={**scene.machine.components, "column": heavier})
+    assert not column_of(ask(other, modes=3), tmp_path)[1]
+    monkeypatch.setattr(content_keys, "code_fingerprint", lambda package: "changed")
+    assert not column_of(ask(scene, modes=3), tmp_path)[1]
+
+
+def test_a_run_without_its_frequency_response_reduces_nothing_anew(tmp_path: Path, calls: list[str]) -> None:
+    """As in ``compare --set analyses.frf=false``; the modes are those that a cold run finds."""
+    scene = make_scene()
+    rich = ask(scene, modes_to_hz=2.3e4)
+    run(rich, tmp_path)
+    calls.clear()
+    after = run(ask(scene, modes=5), tmp_path)
+    assert calls == []
+    assert [record.cached for record in after.stages if record.stage.component == "column"] == [True, True]
+    cold = run(ask(scene, modes=5), tmp_path / "cold")
+    np.testing.assert_allclose(frequencies(after)[6:], frequencies(cold)[6:], rtol=1e-10)
+    compliance = after.static["reference"]["tcp"].compliance
+    np.testing.assert_allclose(compliance, cold.static["reference"]["tcp"].compliance, rtol=0.0, atol=1e-10 * compliance.max())

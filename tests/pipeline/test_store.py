@@ -198,7 +198,7 @@ SUPPORT = Support("clamp", "column", (Patch("x-"),), ("x",))
 
 
 def key_of(component: Component = COLUMN, supports: tuple[Support, ...] = (), loads: tuple[Load, ...] = ()) -> str:
-    return superelement_key(component, supports, loads, with_modes=True, with_gravity=False)
+    return superelement_key(component, supports, loads)
 
 
 @pytest.mark.parametrize(
@@ -208,8 +208,9 @@ def key_of(component: Component = COLUMN, supports: tuple[Support, ...] = (), lo
         dataclasses.replace(COLUMN, placement=Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([0, 0, 1.0]), 0.7))),
         dataclasses.replace(COLUMN, material=dataclasses.replace(STEEL, name="S235")),
         dataclasses.replace(COLUMN, solid=Box((38.0 * 1e-3, 100.0 / 1000.0, 0.1 + 0.4))),
+        dataclasses.replace(COLUMN, reduction=ReductionSettings(modes=5)),
     ],
-    ids=["name", "placement", "material name", "units"],
+    ids=["name", "placement", "material name", "units", "modes"],
 )
 def test_what_does_not_matter_does_not_change_the_key(same: Component) -> None:
     assert key_of(same) == key_of()
@@ -224,11 +225,10 @@ def test_what_does_not_matter_does_not_change_the_key(same: Component) -> None:
         dataclasses.replace(COLUMN, mesh=MeshSettings(size=0.02)),
         dataclasses.replace(COLUMN, mesh=MeshSettings(size=0.019, cells="hex")),
         dataclasses.replace(COLUMN, mass=10.0),
-        dataclasses.replace(COLUMN, reduction=ReductionSettings(modes=5)),
         dataclasses.replace(COLUMN, interfaces={**COLUMN.interfaces, "tip": Interface("tip", (Patch("z+"),))}),
         dataclasses.replace(COLUMN, interfaces={"foot": COLUMN.interfaces["foot"]}),
     ],
-    ids=["size", "E", "rho", "mesh size", "cells", "mass", "modes", "coupling", "interface"],
+    ids=["size", "E", "rho", "mesh size", "cells", "mass", "coupling", "interface"],
 )
 def test_what_matters_changes_the_key(other: Component) -> None:
     assert key_of(other) != key_of()
@@ -237,7 +237,7 @@ def test_what_matters_changes_the_key(other: Component) -> None:
 PRESSURE = Load("oil", "column", "pressure", (Patch("z+"),), magnitude=1e5)
 
 
-def test_supports_loads_modes_and_gravity_change_the_key() -> None:
+def test_supports_and_loads_change_the_key() -> None:
     keys = {
         key_of(),
         key_of(supports=(SUPPORT,)),
@@ -245,10 +245,8 @@ def test_supports_loads_modes_and_gravity_change_the_key() -> None:
         key_of(loads=(TRACTION,)),
         key_of(loads=(PRESSURE,)),
         key_of(loads=(dataclasses.replace(PRESSURE, magnitude=2e5),)),
-        superelement_key(COLUMN, (), (), with_modes=True, with_gravity=True),
-        superelement_key(COLUMN, (), (), with_modes=False, with_gravity=False),
     }
-    assert len(keys) == 8
+    assert len(keys) == 6
 
 
 def test_the_size_of_a_traction_and_a_force_at_an_interface_need_no_other_superelement() -> None:

@@ -15,7 +15,8 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box
 from headstock.reduction.body_fields import choose_places, machine_field, place_motion
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.segmented_reduction import reduce_segmented
 from headstock.reduction.superelement import Superelement

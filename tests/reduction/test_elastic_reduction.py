@@ -5,7 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.components import Patch, ReductionSettings, Support
-from headstock.reduction.elastic_reduction import ReductionRequest, mode_target, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest, mode_target
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.errors import ModelError

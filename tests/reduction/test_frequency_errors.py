@@ -8,8 +8,9 @@ from headstock.geometry.frames import Frame
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Pose
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.frequency_errors import bound_frequency_errors, truncated_parts
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.truncation import least_participation, most_participation
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.modal_analysis import solve_modal

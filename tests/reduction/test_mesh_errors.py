@@ -12,8 +12,9 @@ from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.reduction.compliance_budget import point_budget
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.modal_analysis import solve_modal
 

@@ -17,10 +17,11 @@ from headstock.geometry.mass_properties import closed_form_properties
 from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, Tube
 from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.interface_patches import measure_patch
 from headstock.reduction.rail_fits import fit_rail
 from headstock.reduction.rails import Rail, carriage_rows, place_knots, station_points
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.segmented_reduction import reduce_segmented
 from headstock.reduction.superelement import Superelement

@@ -17,7 +17,8 @@ from headstock.geometry.materials import Material
 from headstock.geometry.prismatic_solids import prismatic_bar, shear_coefficient
 from headstock.geometry.solids import Box, HollowColumn, Tube
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.elastic_reduction import ReductionRequest, reduce_elastic
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.segmented_reduction import reduce_segmented, segment_skin
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
