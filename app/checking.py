@@ -27,8 +27,13 @@ def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_
     parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
     console.print(f"{path}: ok: {scene.name}: {', '.join(parts)}", markup=False)
-    print_remarks(scene.warnings)
-    _write(json_file, path, [], scene.warnings)
+    lacking = [
+        f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
+        for name, problems in scene.deferred.items()
+        for problem in problems
+    ]
+    print_remarks([*scene.warnings, *lacking])
+    _write(json_file, path, [], [*scene.warnings, *lacking])
     return 0
 
 

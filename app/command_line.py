@@ -6,7 +6,7 @@ import click
 import typer
 
 from headstock.app import batch_commands, scene_commands, tool_commands
-from headstock.app.guard import PIPE_CLOSED, leave_closed_pipe, open_missing_streams
+from headstock.app.guard import hand_over, prepare_streams
 
 PROGRAM = "headstock"
 PROGRAM_HELP = """A FEM-based virtual machine tool: from one scene file to a machine's stiffness and modes.
@@ -47,7 +47,7 @@ app.command("test", context_settings={"ignore_unknown_options": True, "allow_ext
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
-    open_missing_streams()
+    prepare_streams()
     try:
         code = typer.main.get_command(app).main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
     except click.ClickException as error:
@@ -56,11 +56,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         typer.echo("interrupted", err=True)
         return 130
-    except BrokenPipeError:
-        leave_closed_pipe()
-        return PIPE_CLOSED
     return int(code or 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(hand_over(main()))

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -24,7 +25,7 @@ from headstock.pipeline.comparison import compare_variants
 from headstock.pipeline.comparison_summary import summarise_comparison, summarise_effort
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.planner import is_lumped
-from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
@@ -62,8 +63,8 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
     """
     start = time.perf_counter()
     require_ranks(request.ranks, comm)
-    request = share_from_root(comm, _with_settings(request) if comm.rank == 0 else None)
-    choices = share_from_root(comm, _choose(request) if comm.rank == 0 else None)
+    request = make_on_root(comm, partial(_with_settings, request))
+    choices = make_on_root(comm, partial(_choose, request))
     folder = request.output or Path("results") / f"{request.scene.stem}-compare"
     with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
         summary, solutions = _solve_all(request, choices, comm)

@@ -1,6 +1,7 @@
 """``headstock export``: one component as a superelement file, or a machine as a state space."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -9,7 +10,8 @@ from mpi4py import MPI
 from headstock.app.console import warn_of_unused_accuracy
 from headstock.app.guard import DONE
 from headstock.app.running import require_ranks
-from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.rank_messages import make_on_root
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.state_space_export import export_state_space
 from headstock.pipeline.superelement_export import export_superelement
@@ -36,10 +38,7 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
         HeadstockError: The component does not exist, or a computation or the file failed.
     """
     require_ranks(request.ranks, comm)
-    loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
-    if loaded is not None:
-        warn_of_unused_accuracy(loaded)
-    written = export_superelement(share_from_root(comm, loaded), request.component, request.output, comm=comm)
+    written = export_superelement(make_on_root(comm, partial(_load, request)), request.component, request.output, comm=comm)
     if comm.rank == 0:
         click.echo(written)
     return DONE
@@ -58,10 +57,15 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
         up_to_hz = parse_quantity(up_to, FREQUENCY).value
     except UnitError as error:
         raise click.UsageError(f"--state-space {error}") from error
-    loaded = load_scene(request.scene, variant=request.variant, overrides=request.overrides) if comm.rank == 0 else None
-    if loaded is not None:
-        warn_of_unused_accuracy(loaded)
-    written = export_state_space(share_from_root(comm, loaded), request.output, up_to_hz=up_to_hz, pose=pose, comm=comm)
+    written = export_state_space(
+        make_on_root(comm, partial(_load, request)), request.output, up_to_hz=up_to_hz, pose=pose, comm=comm
+    )
     if comm.rank == 0:
         click.echo(written)
     return DONE
+
+
+def _load(request: ExportRequest) -> Scene:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    warn_of_unused_accuracy(scene)
+    return scene

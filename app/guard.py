@@ -1,7 +1,9 @@
 """From errors to exit codes and messages; under MPI one failing rank ends all of them."""
 
+import codecs
 import errno
 import inspect
+import io
 import os
 import sys
 import time
@@ -9,10 +11,16 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+VERDICT = "HEADSTOCK_VERDICT"
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOST_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG)
 # a failure that all ranks share is told by rank 0; the others wait so long before they tell theirs
 HOLD_BACK_SECONDS = 0.5
+# characters of tables and messages, for terminals whose encoding has not got them
+SPELLED = {
+    "→": "->", "←": "<-", "±": "+-", "µ": "u", "μ": "u", "·": "*", "×": "x", "°": " deg", "²": "^2", "³": "^3", "⁴": "^4", "–": "-", "−": "-",
+    "≤": "<=", "≥": ">=", "…": "...", "─": "-", "│": "|", "█": "#", "▏": " ", "π": "pi", "ω": "omega", "ζ": "zeta", "“": '"', "”": '"', "’": "'",
+}  # fmt: skip
 
 
 def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
@@ -23,6 +31,7 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
         debug: Show the traceback too.
     """
     comm: Any = None
+    shared = False
     try:
         if inspect.signature(action).parameters:
             from mpi4py import MPI
@@ -32,33 +41,76 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
         else:
             code = action()
     except BaseException as error:
-        code, message = _judge(error)
+        shared = comm is not None and _is_shared(error)
+        if shared and comm.rank > 0:
+            return FAILED  # rank 0 says why
+        code, message = _judge(error.__cause__ if shared and error.__cause__ is not None else error)
         if comm is not None and comm.rank > 0:
             time.sleep(HOLD_BACK_SECONDS)
             message = f"rank {comm.rank}: {message}"
         if debug:
             traceback.print_exc()
-        if code == PIPE_CLOSED:
-            leave_closed_pipe()
-        else:
-            print(message, file=sys.stderr, flush=True)
-        if comm is not None and comm.size > 1:
+        print(message, file=sys.stderr, flush=True)
+        if comm is not None and comm.size > 1 and not shared:
             comm.Abort(code)
     return code
 
 
-def open_missing_streams() -> None:
-    """Give what is printed a place to go where the caller closed standard output or error (``>&-``)."""
+def _is_shared(error: BaseException) -> bool:
+    from headstock.pipeline.rank_messages import SharedFailure  # takes mpi4py with it, which is there by now
+
+    return isinstance(error, SharedFailure)
+
+
+def hand_over(code: int) -> int:
+    """Exit code for the operating system; where the launcher started several ranks, rank 0 leaves it in a file.
+
+    An MPI runtime takes a code other than 0 for a crash of that rank, and reports one.
+    """
+    verdict = os.environ.get(VERDICT)
+    if verdict is None:
+        return code
+    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+        with open(verdict, "w", encoding="ascii") as file:  # noqa: PTH123 (no pathlib at start-up)
+            file.write(f"{code}\n")
+    return 0
+
+
+class _LosableOutput(io.FileIO):
+    """A descriptor whose reader may leave: what nobody reads any more is dropped, and the work goes on."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data) or 0
+        except BrokenPipeError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            return len(data)
+
+
+def prepare_streams() -> None:
+    """Make sure that nothing printed can stop a computation.
+
+    A stream that the caller closed (``>&-``) leads nowhere, one whose reader leaves (``run SCENE | head -1``) leads nowhere from then on,
+    and a character that a terminal's encoding has not is spelled with those it has. Streams that a test put in place stay.
+    """
+    codecs.register_error("spelled", _spell)
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
+        stream = getattr(sys, name)
+        if stream is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+        elif stream is getattr(sys, f"__{name}__"):
+            stream.flush()
+            output = io.BufferedWriter(_LosableOutput(stream.fileno(), "w", closefd=False))
+            buffered = io.TextIOWrapper(output, stream.encoding, "spelled", line_buffering=name == "stderr" or stream.isatty())
+            setattr(sys, name, buffered)
 
 
-def leave_closed_pipe() -> None:
-    """Send what is still to be printed nowhere: ``headstock plan SCENE | head -1`` is no fault."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+def _spell(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(SPELLED.get(letter, "?") for letter in error.object[error.start : error.end]), error.end
 
 
 def _judge(error: BaseException) -> tuple[int, str]:
@@ -75,8 +127,6 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return FAILED, f"{type(error).__name__}: {error}"
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted"
-    if isinstance(error, BrokenPipeError):
-        return PIPE_CLOSED, "the reader of the output closed it"
     if isinstance(error, OSError) and error.errno in LOST_OUTPUT and error.filename is None:
         return FAILED, f"OutputError: what is printed cannot be written: {error.strerror}"
     if isinstance(error, OSError):

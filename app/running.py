@@ -14,7 +14,7 @@ from headstock.app.progress import show_progress
 from headstock.app.publishing import publish_run
 from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import Results
@@ -53,11 +53,11 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
     require_ranks(request.ranks, comm)
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
-    scene = _load(request) if comm.rank == 0 else None
-    scene = share_from_root(comm, scene)
+    scene = make_on_root(comm, lambda: _load(request))
     stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
     output = request.output or Path("results") / stem
-    with claim_output(output) if comm.rank == 0 else contextlib.nullcontext():
+    with contextlib.ExitStack() as claims:
+        make_on_root(comm, lambda: claims.enter_context(claim_output(output)))
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
         results = _run_with_progress(scene, output, comm)

@@ -26,7 +26,7 @@ from headstock.app.summary_tables import encode_csv
 from headstock.pipeline.content_keys import code_fingerprint
 from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.json_texts import Json, dump_json
-from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
@@ -65,7 +65,7 @@ def study_request(request: StudyRequest, comm: MPI.Comm) -> int:
     """
     start = time.perf_counter()
     require_ranks(request.ranks, comm)
-    job = share_from_root(comm, _make_job(request) if comm.rank == 0 else None)
+    job = make_on_root(comm, lambda: _make_job(request))
     folder = request.output or Path("results") / f"{request.scene.stem}-{request.name}"
     with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
         records = run_study(job, folder, comm=comm, observer=print_progress)

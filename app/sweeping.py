@@ -22,7 +22,7 @@ from headstock.app.sweep_parts import compute_part
 from headstock.app.sweep_quantities import tabulate_sweep
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.pose_journals import remove_other_journals
-from headstock.pipeline.rank_messages import share_from_root
+from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_output
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
@@ -67,7 +67,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
     if request.cluster is not None:
         return _sweep_elsewhere(request, request.cluster, comm)
     require_ranks(request.ranks, comm)
-    job = share_from_root(comm, _make_job(request) if comm.rank == 0 else None)
+    job = make_on_root(comm, lambda: _make_job(request))
     if request.part is not None:
         return compute_part(job, request.key, comm)
     with claim_output(job.folder) if comm.rank == 0 else contextlib.nullcontext():

@@ -108,13 +108,15 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         return
     if path.lowpass is not None:
-        _check_sampling(scene, path.lowpass, "[analyses.path]", "lowpass", findings)
+        _check_sampling(scene, path.lowpass, "path", "lowpass", findings)
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
     for axis, end in path.to.items():
         start = path.start.get(axis)
         if axis in scene.axes and axis not in driven and (start is None or start.value != end.value):
-            findings.add(
-                ("analyses", "path", "to", axis), f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]"
+            findings.add_for(
+                "path",
+                ("analyses", "path", "to", axis),
+                f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]",
             )
 
 
@@ -144,18 +146,19 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
     if request is None:
         return
     if scene.effects.get(DRIVE_CONTROL, False) is False:
-        findings.add(("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
+        findings.add_for("control", ("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
     if is_lumped(scene):
         findings.add(("analyses", "control"), "a lumped mechanism has legs, not axes with drives; remove this analysis")
-    _check_sampling(scene, request.up_to, "[analyses.control]", "up_to", findings)
+    _check_sampling(scene, request.up_to, "control", "up_to", findings)
 
 
-def _check_sampling(scene: SceneTable, band: float, who: str, what: str, findings: Findings) -> None:
-    """Report drives that sample too slowly to show a band [Hz]."""
+def _check_sampling(scene: SceneTable, band: float, analysis: str, what: str, findings: Findings) -> None:
+    """Report drives that sample too slowly to show the band [Hz] of an analysis."""
     for name, table in scene.drives.items():
         if table.sampling is not None and 0.5 / table.sampling < band:
-            findings.add(
+            findings.add_for(
+                analysis,
                 ("drives", name, "sampling"),
                 f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
-                f"{who} asks for {band:.4g} Hz; sample faster or lower {what}",
+                f"[analyses.{analysis}] asks for {band:.4g} Hz; sample faster or lower {what}",
             )

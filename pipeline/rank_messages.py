@@ -1,11 +1,37 @@
 """Passing a value from rank 0 to ranks that have nothing to do meanwhile."""
 
 import time
+from collections.abc import Callable
 
 from mpi4py import MPI
 
 SHARE_TAG = 4711
 POLL_SECONDS = 0.002
+
+
+class SharedFailure(Exception):  # noqa: N818 (what failed is its cause)
+    """Rank 0 could not make what all ranks wait for, and every rank knows; on rank 0 the cause says why."""
+
+
+def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
+    """What ``make`` returns on rank 0, on every rank; a scene, for example, is read once and shared.
+
+    Raises:
+        SharedFailure: ``make`` failed, on every rank of several; a single rank gets the error itself.
+    """
+    if comm.size == 1:
+        return make()
+    made: tuple[T] | None = None
+    failure: Exception | None = None
+    if comm.rank == 0:
+        try:
+            made = (make(),)
+        except Exception as error:
+            failure = error
+    made = share_from_root(comm, made)
+    if made is None:
+        raise SharedFailure from failure
+    return made[0]
 
 
 def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:

@@ -11,6 +11,7 @@ from headstock.geometry.drives import Drive
 from headstock.geometry.machines import Machine, Pose
 from headstock.geometry.tool_mechanisms import ToolMechanism
 from headstock.pipeline.analysis_requests import Analyses
+from headstock.pipeline.scene_errors import Problem, SceneError
 from headstock.pipeline.study_points import Study
 from headstock.pipeline.sweep_poses import Sweep
 
@@ -99,6 +100,7 @@ class Scene:
         poses: By name, at least one: ``reference`` with every axis at zero when the scene names none.
         analyses: What is to be computed.
         on_request: What is computed only when it is named.
+        deferred: What keeps an analysis on request from running as the scene stands, by its name.
         effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
         compare: Which of them are held side by side.
@@ -132,11 +134,18 @@ class Scene:
     compare: CompareSettings = field(default_factory=CompareSettings)
     accuracy: AccuracyGoal | None = None
     on_request: Analyses = field(default_factory=Analyses)
+    deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)
 
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
-    """The scene with only the named ones of its analyses, those on request among them."""
+    """The scene with only the named ones of its analyses, those on request among them.
+
+    Raises:
+        SceneError: A named analysis cannot run as the scene stands.
+    """
+    if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
+        raise SceneError(lacking)
     kept = {name: request for name, request in list_analyses(scene).items() if name in names}
     return dataclasses.replace(scene, analyses=Analyses(**kept))
 

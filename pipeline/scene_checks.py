@@ -3,11 +3,15 @@
 import math
 from pathlib import Path
 
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.joints import GROUND
 from headstock.geometry.machines import show_position
-from headstock.geometry.solids import Solid, SuperelementFile
+from headstock.geometry.mass_properties import solid_volume
+from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
 from headstock.pipeline.component_builder import bounding_box, build_solid
-from headstock.pipeline.effects import find_effect_fault
+from headstock.pipeline.effects import STANDARD_GRAVITY, find_effect_fault
 from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_faults
 from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
 from headstock.pipeline.mechanism_checks import is_lumped
@@ -19,6 +23,7 @@ from headstock.pipeline.scene_names import is_known_end, sound_joints
 from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import ComponentTable, PatchTable
 from headstock.pipeline.schema_connections import AxisTable, LoadTable, SupportTable
+from headstock.pipeline.schema_types import show_direction
 from headstock.pipeline.segment_checks import find_load_fault, find_segment_faults
 from headstock.pipeline.toml_positions import KeyPath
 from headstock.pipeline.units import ANGLE, LENGTH, Quantity
@@ -26,6 +31,10 @@ from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 SOUND_SPEEDS = (500.0, 15000.0)
 DENSITIES = (100.0, 25000.0)
 SIZES = (1e-5, 100.0)
+MASS_RATIOS = (0.05, 20.0)  # of a written mass to that of the solid
+MOST_DEFLECTION = 1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
+MOST_MODES = 3000
+PARALLEL = math.cos(math.radians(1.0))
 
 
 def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
@@ -50,6 +59,8 @@ def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, comple
     if complete:
         _check_requests(scene, findings)
     _check_plausibility(scene, solids, findings)
+    _check_mounts(scene, solids, findings)
+    _check_mode_counts(scene, solids, findings)
 
 
 def _check_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, Solid]:
@@ -162,14 +173,33 @@ def _check_axes(scene: SceneTable, findings: Findings, *, complete: bool) -> Non
         known = all(joint in scene.joints for joint in axis.joint_names())
         if axis.direction is None and known and not _guiding_joints(scene, axis):
             findings.add((*key, "direction"), "'direction' is missing and no joint of the axis gives one; write direction = \"x\"")
+        _check_guides(name, axis, scene, findings)
         if complete and all(joint in edges for joint in axis.joint_names()):
             _check_moves(key, axis, scene, edges, findings)
 
 
-def _guiding_joints(scene: SceneTable, axis: AxisTable) -> list[str]:
-    tables = [scene.joints[name] for name in axis.joint_names() if name in scene.joints]
+def _guiding_joints(scene: SceneTable, axis: AxisTable) -> dict[str, FloatArray]:
+    """Unit vectors ``(3,)`` along which the guides and screws of an axis slide, or about which its bearings turn, by joint."""
     kinds = ("linear_guide", "ball_screw", "prismatic") if axis.kind == "linear" else ("revolute", "bearing")
-    return [table.kind for table in tables if table.kind in kinds and table.axis is not None]
+    tables = {name: scene.joints[name] for name in axis.joint_names() if name in scene.joints}
+    return {name: np.array(table.axis) for name, table in tables.items() if table.kind in kinds and table.axis is not None}
+
+
+def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findings) -> None:
+    """Every guide, screw and bearing of an axis must let go of the motion that the axis makes."""
+    guides = _guiding_joints(scene, axis)
+    motion = "slides along" if axis.kind == "linear" else "turns about"
+    given = None if axis.direction is None else np.array(axis.direction)
+    # without a direction of its own the axis has that of most of its joints
+    votes = sorted(guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values()))
+    along = given if given is not None else votes[0] if votes else None
+    for joint, own in guides.items():
+        if along is not None and abs(own @ along) < PARALLEL:
+            findings.add(
+                ("joints", joint, "axis"),
+                f"{motion} {show_direction(own)}, but axis {name}, which it belongs to, moves along {show_direction(along)}: it would block the "
+                f"axis; write axis = {show_direction(along)}, or take it off the axis' joints",
+            )
 
 
 def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings) -> None:
@@ -252,5 +282,90 @@ def _check_plausibility(scene: SceneTable, solids: dict[str, Solid], findings: F
         if sizes and not (SIZES[0] <= min(sizes) and max(sizes) <= SIZES[1]):
             text = " x ".join(f"{size:.3g}" for size in sizes)
             findings.warn(("components", name, "solid"), f"measures {text} m; a machine part is {SIZES[0]:g} to {SIZES[1]:g} m")
+        _check_weight(name, solid, scene, findings)
         if scene.components[name].mesh.order == 1 and scene.components[name].fidelity == "elastic":
             findings.warn(("components", name, "mesh"), "linear elements lock: they come out too stiff; order = 2 is the default")
+
+
+def _check_weight(name: str, solid: Solid, scene: SceneTable, findings: Findings) -> None:
+    """A mass that is written is about that of the solid: a slip of units is off by a thousand."""
+    table = scene.components[name]
+    own = _own_mass(table, solid, scene)
+    if table.mass is None or own is None:
+        return
+    low, high = MASS_RATIOS
+    if not low <= table.mass / own <= high:
+        findings.warn(("components", name, "mass"), f"{table.mass:.3g} kg for a solid that weighs {own:.3g} kg; check the unit")
+
+
+def _own_mass(table: ComponentTable, solid: Solid, scene: SceneTable) -> float | None:
+    """Mass of a parametric solid of its material [kg]; None where the solid or the material is not known here."""
+    material = scene.materials.get(table.material or "")
+    if material is None or not isinstance(solid, Box | Tube | Plate | HollowColumn):
+        return None
+    return material.rho * solid_volume(solid)
+
+
+def _check_mounts(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+    """Springs to ground carry the weight of what is known of the machine without a deflection of metres."""
+    grounded = {name: table for name, table in sound_joints(scene).items() if any(end.component is None for end in table.between)}
+    joints = [build_joint(name, table) for name, table in grounded.items() if not find_joint_faults(table)]
+    if not joints or scene.supports or len(joints) < len(grounded) or any(joint.held for joint in joints):
+        return
+    tables = scene.components
+    known = [tables[name].mass or _own_mass(tables[name], solid, scene) or 0.0 for name, solid in solids.items()]
+    stiffness = sum(joint.rotation @ joint.stiffness[:3, :3] @ joint.rotation.T for joint in joints)
+    stiffest = float(np.linalg.eigvalsh(stiffness)[-1])
+    deflection = math.inf if stiffest <= 0.0 else sum(known) * STANDARD_GRAVITY / stiffest
+    if deflection > MOST_DEFLECTION:
+        names = ", ".join(grounded)
+        findings.warn(
+            ("joints", next(iter(grounded)), "stiffness"),
+            f"{names}: {sum(known):.3g} kg on {stiffest:.3g} N/m in the stiffest direction would sink by {deflection:.3g} m under their "
+            "weight; check the unit",
+        )
+
+
+def _check_mode_counts(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+    """How high an analysis looks: nobody can use the modes of a solid by the thousands.
+
+    Source: Weyl (1911): the number of natural frequencies below ``f`` of a volume ``V`` grows like ``4 pi/3 V f^3 (1/c_p^3 + 2/c_s^3)``.
+    """
+    analyses = scene.analyses
+    asked: dict[KeyPath, float | None] = {
+        ("analyses", "modal", "up_to"): None if analyses.modal is None else analyses.modal.up_to,
+        ("analyses", "frf", "to"): None if analyses.frf is None else analyses.frf.to,
+        ("analyses", "control", "up_to"): None if analyses.control is None else analyses.control.up_to,
+    }
+    limits = {name: _highest_frequency(scene.components[name], solid, scene) for name, solid in solids.items()}
+    elastic = {name: limit for name, limit in limits.items() if limit is not None and scene.components[name].fidelity == "elastic"}
+    for name, limit in elastic.items():
+        own = scene.components[name].reduction.modes_to
+        if own is not None and own > limit:
+            findings.add(("components", name, "reduction", "modes_to"), _too_high(own, name, limit))
+    # a component with a cut-off or a number of modes of its own does not follow the analyses
+    tables = scene.components
+    following = {
+        name: limit for name, limit in elastic.items() if tables[name].reduction.modes_to is tables[name].reduction.modes is None
+    }
+    lowest = min(following, key=lambda name: following[name], default=None)
+    for place, wanted in asked.items():
+        if lowest is not None and wanted is not None and wanted > following[lowest]:
+            findings.add(place, _too_high(wanted, lowest, following[lowest]))
+
+
+def _too_high(wanted: float, component: str, limit: float) -> str:
+    return f"{wanted:.3g} Hz: {component} alone has more than {MOST_MODES} natural frequencies up to there; write {limit:.2g} Hz at most"
+
+
+def _highest_frequency(table: ComponentTable, solid: Solid, scene: SceneTable) -> float | None:
+    """Frequency [Hz] up to which a solid has ``MOST_MODES`` natural frequencies; None where its volume is not known here."""
+    material = scene.materials.get(table.material or "")
+    if material is None or not isinstance(solid, Box | Tube | Plate | HollowColumn) or not -1.0 < material.nu < 0.5:
+        return None
+    if not SOUND_SPEEDS[0] <= math.sqrt(material.E / material.rho) <= SOUND_SPEEDS[1]:
+        return None  # a slip of units, warned of elsewhere
+    shear = math.sqrt(material.E / (2.0 * (1.0 + material.nu) * material.rho))
+    ratio = math.sqrt((2.0 - 2.0 * material.nu) / (1.0 - 2.0 * material.nu))
+    waves = (2.0 + ratio**-3) / shear**3
+    return float((MOST_MODES / (4.0 / 3.0 * math.pi * solid_volume(solid) * waves)) ** (1.0 / 3.0))

@@ -65,6 +65,8 @@ class Findings:
         origins: Where each key path came from.
         problems: Found so far, with the line they sort by.
         warnings: Found so far.
+        on_request: Analyses that run only when they are named.
+        deferred: What keeps such an analysis from running as the scene stands, by its name.
     """
 
     path: str
@@ -72,13 +74,21 @@ class Findings:
     origins: dict[KeyPath, Origin] = field(default_factory=dict)
     problems: list[tuple[int, Problem]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    on_request: frozenset[str] = frozenset()
+    deferred: dict[str, list[Problem]] = field(default_factory=dict)
 
     def add(self, key: KeyPath, message: str) -> None:
         """Report a problem at a key path (or at the closest enclosing one that is written down)."""
-        origin = self.origin_of(key)
-        problem = Problem(self._place(origin), show_key(key), self.source_line(origin.line), message)
+        problem = self._problem(key, message)
         if problem not in [known for _, known in self.problems[-MAX_SHOWN:]]:
-            self.problems.append((origin.line or 0, problem))
+            self.problems.append((self.origin_of(key).line or 0, problem))
+
+    def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
+        """Report what an analysis lacks that a variant may bring; a problem only once the analysis is asked for."""
+        if analysis in self.on_request:
+            self.deferred.setdefault(analysis, []).append(self._problem(key, message))
+        else:
+            self.add(key, message)
 
     def add_line(self, line: int | None, message: str, key: str = "") -> None:
         """Report a problem at a line of the file, or at the file as a whole."""
@@ -111,6 +121,10 @@ class Findings:
         """
         if self.problems:
             raise SceneError(problem for _, problem in sorted(self.problems, key=lambda item: item[0]))
+
+    def _problem(self, key: KeyPath, message: str) -> Problem:
+        origin = self.origin_of(key)
+        return Problem(self._place(origin), show_key(key), self.source_line(origin.line), message)
 
     def _place(self, origin: Origin) -> str:
         place = self.path if origin.line is None else f"{self.path}:{origin.line}"

@@ -2,6 +2,7 @@
 
 import copy
 import fnmatch
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +11,7 @@ from headstock.pipeline.scene_errors import show_key
 from headstock.pipeline.toml_positions import KeyPath
 from headstock.pipeline.units import DIMENSIONS, Dimension, Quantity, UnitError, parse_quantity, unit_of
 
-NUMBER = Dimension("plain number", "", "0.3")
+NUMBER = Dimension("plain number", "", "0.3", math.inf)
 _STEP = re.compile(r"([^.\[\]\s]+)((?:\[\d{1,5}\])*)")
 _INDEX = re.compile(r"\[(\d+)\]")
 

@@ -1,7 +1,7 @@
 """Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,7 @@ def load_scene(
     table = validate_tables(raw, findings)
     paths: dict[str, AxisPath] = {}
     if table is not None:
+        findings.on_request = frozenset(name for name, request in table.analyses if request is not None and request.on_request)
         complete = not findings.problems
         check_references(table, raw, findings)
         check_physics(table, path.parent, findings, complete=complete)
@@ -72,7 +73,7 @@ def load_scene(
     if table is None:
         raise AssertionError("the schema refused a scene without saying why")
     scene = dataclasses.replace(
-        _build_scene(table, raw, path, findings.warnings, variant),
+        _build_scene(table, raw, path, findings, variant),
         sweeps={name: build_sweep(name, table, paths) for name in table.sweeps},
     )
     check_carriages(scene.machine, scene.poses, findings)
@@ -81,10 +82,10 @@ def load_scene(
     return scene
 
 
-def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: list[str], variant: str | None) -> Scene:
+def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, findings: Findings, variant: str | None) -> Scene:
     name = table.name or path.stem
     poses = build_poses(table)
-    analyses, on_request = _split_requests(table, _build_analyses(table, tuple(poses), path.parent))
+    analyses, on_request = _split_requests(findings.on_request, _build_analyses(table, tuple(poses), path.parent))
     return Scene(
         name=name,
         path=path,
@@ -96,7 +97,8 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, warnings: l
         variants=tuple(table.variants),
         raw=raw,
         limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
-        warnings=tuple(warnings),
+        warnings=tuple(findings.warnings),
+        deferred={analysis: tuple(problems) for analysis, problems in findings.deferred.items()},
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
@@ -129,9 +131,8 @@ def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> 
     )
 
 
-def _split_requests(table: SceneTable, analyses: Analyses) -> tuple[Analyses, Analyses]:
+def _split_requests(named: Collection[str], analyses: Analyses) -> tuple[Analyses, Analyses]:
     """What is always run, and what only when it is named."""
-    named = {name for name, request in table.analyses if request is not None and request.on_request}
     found = {field.name: getattr(analyses, field.name) for field in dataclasses.fields(Analyses)}
     return (
         Analyses(**{name: request for name, request in found.items() if name not in named}),

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 import numpy as np
@@ -68,7 +68,8 @@ def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-_POSITIVE = _require(lambda value: value > 0.0, "must be above zero")
+LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
+_POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
 
 Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)]
@@ -236,6 +237,15 @@ def _read_direction(value: object) -> tuple[float, float, float]:
     vector = vector / scale
     x, y, z = (float(item) for item in vector / np.linalg.norm(vector))
     return x, y, z
+
+
+def show_direction(vector: Iterable[float]) -> str:
+    """A unit vector as a scene writes it: ``"x"``, ``"-z"`` or three numbers."""
+    numbers = [float(number) for number in vector]
+    for letter, number in zip("xyz", numbers, strict=True):
+        if abs(number) > 1.0 - 1e-9:
+            return f'"{"-" if number < 0.0 else ""}{letter}"'
+    return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
 
 
 Direction = Annotated[

@@ -56,34 +56,38 @@ LARGEST_BARE = 10**30  # no unit is likely beyond
 
 @dataclass(frozen=True)
 class Dimension:
-    """A kind of quantity: its name, SI unit and an example to show to whoever got it wrong."""
+    """A kind of quantity: its name, SI unit, an example to show to whoever got it wrong, and the largest size that is believed.
+
+    ``most`` is far beyond any machine [SI]: what is larger is a slip of units, and its squares and products would leave the range of floats.
+    """
 
     name: str
     unit: str
     example: str
+    most: float
 
 
-LENGTH = Dimension("length", "m", "250 mm")
-ANGLE = Dimension("angle", "rad", "30 deg")
-MASS = Dimension("mass", "kg", "35 kg")
-TIME = Dimension("time", "s", "60 s")
-FREQUENCY = Dimension("frequency", "Hz", "500 Hz")
-PRESSURE = Dimension("pressure", "Pa", "210 GPa")
-DENSITY = Dimension("density", "kg/m^3", "7850 kg/m^3")
-FORCE = Dimension("force", "N", "1 kN")
-MOMENT = Dimension("moment", "N m", "10 N m")
-STIFFNESS = Dimension("stiffness", "N/m", "380 N/um")
-ROTATIONAL_STIFFNESS = Dimension("rotational stiffness", "N m/rad", "1e6 N m/rad")
-DAMPING = Dimension("damping", "N s/m", "20 N s/m")
-ROTATIONAL_DAMPING = Dimension("rotational damping", "N m s/rad", "5 N m s/rad")
-ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2")
-SPEED = Dimension("speed", "m/s", "3000 mm/min")
-ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm")
-COMPLIANCE = Dimension("compliance", "m/N", "151 um/kN")
-INERTIA = Dimension("moment of inertia", "kg m^2", "2e-3 kg m^2")
-RATE = Dimension("rate", "1/s", "50 1/s")
-MEMORY = Dimension("amount of memory", "B", "4 GB")
-RATIO = Dimension("ratio", "", "2 %")
+LENGTH = Dimension("length", "m", "250 mm", 1e5)
+ANGLE = Dimension("angle", "rad", "30 deg", 1e6)
+MASS = Dimension("mass", "kg", "35 kg", 1e12)
+TIME = Dimension("time", "s", "60 s", 1e12)
+FREQUENCY = Dimension("frequency", "Hz", "500 Hz", 1e10)
+PRESSURE = Dimension("pressure", "Pa", "210 GPa", 1e20)
+DENSITY = Dimension("density", "kg/m^3", "7850 kg/m^3", 1e12)
+FORCE = Dimension("force", "N", "1 kN", 1e18)
+MOMENT = Dimension("moment", "N m", "10 N m", 1e20)
+STIFFNESS = Dimension("stiffness", "N/m", "380 N/um", 1e24)
+ROTATIONAL_STIFFNESS = Dimension("rotational stiffness", "N m/rad", "1e6 N m/rad", 1e24)
+DAMPING = Dimension("damping", "N s/m", "20 N s/m", 1e24)
+ROTATIONAL_DAMPING = Dimension("rotational damping", "N m s/rad", "5 N m s/rad", 1e24)
+ACCELERATION = Dimension("acceleration", "m/s^2", "9.81 m/s^2", 1e9)
+SPEED = Dimension("speed", "m/s", "3000 mm/min", 1e6)
+ANGULAR_SPEED = Dimension("angular speed", "rad/s", "3000 rpm", 1e9)
+COMPLIANCE = Dimension("compliance", "m/N", "151 um/kN", 1e9)
+INERTIA = Dimension("moment of inertia", "kg m^2", "2e-3 kg m^2", 1e15)
+RATE = Dimension("rate", "1/s", "50 1/s", 1e12)
+MEMORY = Dimension("amount of memory", "B", "4 GB", 1e18)
+RATIO = Dimension("ratio", "", "2 %", 1e12)
 DIMENSIONS = (
     LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS, DAMPING,
     ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,
@@ -147,7 +151,13 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
     factor, dimensionality = _resolve_unit(unit, example)
     for dimension in dimensions:
         if dimensionality == _resolve_unit(dimension.unit, example)[1]:
-            return Quantity(_scale_number(number, factor, text, wanted), dimension)
+            value = _scale_number(number, factor, text, wanted)
+            if abs(value) > dimension.most:
+                raise UnitError(
+                    f"{show_value(text)} is {value:.3g} {dimension.unit}, more than any machine has ({dimension.most:g}); check its unit, "
+                    f"or write {wanted} such as {example}"
+                )
+            return Quantity(value, dimension)
     raise UnitError(f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}")
 
 

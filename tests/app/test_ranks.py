@@ -68,6 +68,30 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
+def test_what_is_wrong_with_a_scene_is_said_once_and_without_a_report_of_a_crash(scene_file: Path, tmp_path: Path) -> None:
+    scene_file.write_text(SCENE.replace('material = "steel"', 'material = "stel"'))
+    start = Path(__file__).parents[2] / "environment" / "start_ranks.sh"
+    mpirun = shutil.which("mpirun")
+    assert mpirun is not None
+    ranks = [mpirun, "--oversubscribe", "--bind-to", "none", "-n", "2", sys.executable, "-P", "-m", "mpi4py"]
+    command = [
+        "/bin/sh",
+        str(start),
+        *ranks,
+        "-m",
+        "headstock.app.command_line",
+        "run",
+        str(scene_file),
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("unknown material 'stel'") == 1
+    assert "MPI_ABORT" not in done.stderr
+    assert "prterun" not in done.stderr
+
+
 def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(scene_file: Path, tmp_path: Path) -> None:
     summaries = []
     for ranks in (1, 2, 4):

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from headstock.pipeline.scene import keep_analyses
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 
@@ -140,6 +141,7 @@ def test_text_that_is_not_toml_is_refused_at_its_line(tmp_path: Path, text: str,
         ('"7850 kg/m^3"', '"78500 kg/m^3"', "outside 100 to 25000"),
         ('["1 m", "0.5 m", "0.3 m"]', '["1 km", "0.5 m", "0.3 m"]', "a machine part is"),
         ('mesh = { size = "40 mm" }', 'mesh = { size = "40 mm", order = 1 }', "linear elements lock"),
+        ('mesh = { size = "40 mm" }', 'mesh = { size = "40 mm" }\nmass = "15 g"', "0.015 kg for a solid that weighs"),
     ],
 )
 def test_numbers_that_look_wrong_are_warned_of_with_their_line(tmp_path: Path, old: str, new: str, fragment: str) -> None:
@@ -148,3 +150,44 @@ def test_numbers_that_look_wrong_are_warned_of_with_their_line(tmp_path: Path, o
     warnings = [warning for warning in load_scene(path).warnings if fragment in warning]
     assert warnings
     assert warnings[0].startswith(f"{path}:")
+
+
+@pytest.mark.parametrize(("stiffness", "count"), [("200 N/m", 1), ("20 kN/m", 0)])
+def test_a_machine_that_would_sink_by_metres_on_its_mounts_is_warned_of(tmp_path: Path, stiffness: str, count: int) -> None:
+    text = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bed]
+solid = { box = ["1 m", "0.5 m", "0.25 m"] }
+material = "steel"
+fidelity = "rigid"
+[components.bed.interfaces]
+bottom = { face = "z-" }
+"""
+    for number, (x, y) in enumerate([(400, 200), (-400, 200), (400, -200), (-400, -200)]):
+        text += f"""[joints.mount_{number}]
+between = ["bed.bottom", "ground"]
+kind = "mount"
+at = ["{x} mm", "{y} mm", "0 mm"]
+stiffness = {{ vertical = "{stiffness}", horizontal = "{stiffness}" }}
+"""
+    found = [
+        warning for warning in load_scene(write_scene(tmp_path, text + "[analyses.modal]\n")).warnings if "would sink" in warning
+    ]
+    assert len(found) == count
+    if found:
+        assert "mount_0, mount_1, mount_2, mount_3: 981 kg on 800 N/m" in found[0]
+        assert "by 12 m" in found[0]
+
+
+def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(tmp_path: Path) -> None:
+    wanted = '[analyses.control]\nup_to = "300 Hz"\n'
+    with pytest.raises(SceneError, match="drives are not controlled"):
+        load_scene(write_scene(tmp_path, GOOD + wanted))
+    scene = load_scene(write_scene(tmp_path, GOOD + wanted + "on_request = true\n"))
+    assert keep_analyses(scene, ["modal"]).analyses.modal is not None
+    with pytest.raises(SceneError, match="drives are not controlled") as caught:
+        keep_analyses(scene, ["control"])
+    assert caught.value.problems[0].key == "analyses.control"
