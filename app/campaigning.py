@@ -10,7 +10,7 @@ import click
 from headstock.app.console import make_console
 from headstock.app.guard import DONE, FAILED
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.result_files import write_output
+from headstock.pipeline.outputs import write_output
 from headstock.validation.campaign_outcome import CampaignOutcome
 from headstock.validation.disk_campaign import run_disk_campaign
 from headstock.validation.file_fuzz import run_file_fuzz

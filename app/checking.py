@@ -6,7 +6,7 @@ from pathlib import Path
 
 from headstock.app.console import counted, make_console, print_remarks
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.result_files import write_output
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 

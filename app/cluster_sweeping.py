@@ -11,9 +11,9 @@ from mpi4py import MPI
 
 from headstock.app.console import counted, make_console
 from headstock.app.guard import DONE
+from headstock.pipeline.outputs import claim_output, make_part, write_output
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.pose_journals import read_journals
-from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.slurm_jobs import (
     COMPONENTS_TASK,
     FOLDER,
@@ -66,7 +66,7 @@ def sweep_on_slurm(job: SweepJob, request: ClusterRequest, comm: MPI.Comm, colle
     """
     _require_cluster(comm)
     key = sweep_key(job.scene)
-    with claim_output(job.folder):
+    with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
         done = {name for name, found in read_journals(job.folder, key).items() if not (request.retry and found.state == "failed")}
         tasks = min(request.options.tasks, len(job.sweep.positions))
         request = dataclasses.replace(request, options=dataclasses.replace(request.options, tasks=tasks))
@@ -103,7 +103,7 @@ def _find_waiting(folder: Path, key: str) -> Submission | None:
 def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool) -> Submission:
     folder = job.folder.absolute()
     script = folder / SCRIPT_FILE
-    (folder / FOLDER).mkdir(exist_ok=True)
+    make_part(folder / FOLDER)
     array = ArrayJob(
         LAUNCHER,
         job.scene.path.absolute(),

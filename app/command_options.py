@@ -3,17 +3,34 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import click
 import typer
 
 if TYPE_CHECKING:
     from headstock.pipeline.scene import Scene
+
+
+def _check_file(path: Path | None) -> Path | None:
+    """Refuse a file that could not be written at the end, before anything is computed."""
+    if path is None:
+        return None
+    from headstock.pipeline.outputs import OutputError, check_output
+
+    try:
+        check_output(path)
+    except OutputError as error:
+        raise click.BadParameter(str(error)) from error
+    return path
+
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
 Variant = Annotated[
     str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B.")
 ]
 Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write what is printed as JSON too.")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", callback=_check_file, help="Write what is printed as JSON too.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
 Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
 Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
@@ -30,7 +47,7 @@ def write_json_file(path: Path | None, content: Any) -> None:
     """Write what was printed, where a file was named."""
     if path is not None:
         from headstock.pipeline.json_texts import dump_json
-        from headstock.pipeline.result_files import write_output
+        from headstock.pipeline.outputs import write_output
 
         write_output(path, dump_json(content).encode())
 

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from headstock.app.comparison_charts import draw_comparison
 from headstock.app.comparison_listing import comparison_csv, print_comparison, print_effort, print_variant
 from headstock.app.comparison_page import render_comparison
-from headstock.app.console import warn_of_unused_accuracy
+from headstock.app.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
@@ -24,9 +24,9 @@ from headstock.geometry.components import Fidelity
 from headstock.pipeline.comparison import compare_variants
 from headstock.pipeline.comparison_summary import summarise_comparison, summarise_effort
 from headstock.pipeline.json_texts import Json, dump_json
+from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
-from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
@@ -66,12 +66,13 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
     request = make_on_root(comm, partial(_with_settings, request))
     choices = make_on_root(comm, partial(_choose, request))
     folder = request.output or Path("results") / f"{request.scene.stem}-compare"
-    with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
+    with claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         summary, solutions = _solve_all(request, choices, comm)
         if comm.rank == 0:
-            _publish(summary, folder, request.json_file)
+            remarks = _publish(summary, folder, request.json_file)
             print_comparison(summary)
             print_effort(summary)
+            print_remarks(remarks)
             print(f"done in {time.perf_counter() - start:.2f} s, results in {folder} ({PAGE_FILE}, {JSON_FILE})")
     return int(share_from_root(comm, FAILED if any(solution.failures for solution in solutions) else DONE))
 
@@ -157,13 +158,13 @@ def _change(choice: VariantChoice, change: tuple[str, ...], known: tuple[str, ..
     return VariantChoice(choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings))
 
 
-def _publish(summary: Json, folder: Path, json_file: Path | None) -> None:
+def _publish(summary: Json, folder: Path, json_file: Path | None) -> list[str]:
+    """Write every file of a comparison; remarks for the user."""
     figures = {name: encode_png(pixels) for name, pixels in draw_comparison(summary).items()}
-    for name, image in figures.items():
-        write_output(folder / f"{name}.png", image)
-    for name, table in comparison_csv(summary).items():
-        write_output(folder / f"{name}.csv", table)
+    tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
+    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()} | tables)
     write_output(folder / JSON_FILE, dump_json(summary).encode())
     write_output(folder / PAGE_FILE, render_comparison(summary, figures).encode())
     if json_file is not None:
         write_output(json_file, dump_json(summary).encode())
+    return remarks

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from headstock.app.environment_checks import Check, check_environment
-from headstock.pipeline.atomic_files import write_atomically
+from headstock.pipeline.outputs import write_output
 
 
 def run_doctor(json_file: Path | None, examine: Callable[[], list[Check]] = check_environment) -> int:
@@ -25,7 +25,7 @@ def run_doctor(json_file: Path | None, examine: Callable[[], list[Check]] = chec
     print("all there" if not missing else f"missing: {', '.join(missing)}")
     if json_file is not None:
         content = {"healthy": not missing, "checks": [asdict(check) for check in checks]}
-        write_atomically(json_file, (json.dumps(content, indent=2) + "\n").encode())
+        write_output(json_file, (json.dumps(content, indent=2) + "\n").encode())
     return 1 if missing else 0
 
 

@@ -11,7 +11,7 @@ from headstock.app.progress import show_progress
 from headstock.app.running import select_analyses
 from headstock.pipeline.effect_trials import ScenePlan, rank_trials, summarise_trials, try_effects
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.result_files import write_output
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
 

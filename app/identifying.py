@@ -12,7 +12,7 @@ from headstock.app.identification_tables import print_identification, print_star
 from headstock.pipeline.identification import identify, prepare_problem
 from headstock.pipeline.identification_files import OVERRIDES_FILE, RECORD_FILE, render_overrides, summarise_identification
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.outputs import claim_output, write_output
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
 from headstock.pipeline.target_files import load_targets
@@ -43,7 +43,7 @@ def identify_scene(request: IdentifyRequest) -> int:
         settings = dataclasses.replace(loaded.task.settings, starts=request.starts)
         loaded = dataclasses.replace(loaded, task=dataclasses.replace(loaded.task, settings=settings))
     output = request.output or Path("results") / f"{request.scene.stem}-{request.targets.stem}"
-    with claim_output(output):
+    with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
         print_task(loaded.task)
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
         found = identify(problem, loaded.task.name, print_start)

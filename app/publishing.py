@@ -14,12 +14,14 @@ from headstock.app.summary_tables import encode_csv, list_tables
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView
-from headstock.pipeline.mode_files import write_mode_files
+from headstock.pipeline.mode_files import MODES_FOLDER, write_mode_files
+from headstock.pipeline.outputs import OutputError, replace_outputs
 from headstock.pipeline.path_results import PathCurves
-from headstock.pipeline.result_files import SUMMARY_FILE, OutputError, write_output
+from headstock.pipeline.result_files import SUMMARY_FILE
 from headstock.pipeline.store import Store, default_store_root
 
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
+PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER)
 
 
 def publish_run(
@@ -30,6 +32,7 @@ def publish_run(
     paths: Sequence[PathCurves] = (),
     *,
     figures: bool = True,
+    more: Drawing | None = None,
 ) -> list[str]:
     """Write report, tables and modes, and pictures of the machine while that goes on; remarks for the user.
 
@@ -40,6 +43,7 @@ def publish_run(
         curves: Of the frequency responses.
         paths: Of the path analysis.
         figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
+        more: Pictures for ``figures`` besides those of the machine.
 
     Raises:
         OutputError: A file cannot be written.
@@ -47,12 +51,12 @@ def publish_run(
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, folder, view, store) if figures else None
-        write_tables(folder, summary, curves, paths)
-        write_mode_files(folder, summary, view)
+        remarks = [*write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary, view)]
         drawn = drawing.result() if drawing is not None else Drawing({})
-    _write_files(folder / FIGURES_FOLDER, {f"{name}.png": image for name, image in drawn.images.items()}, "*.png")
+    images = {**(more.images if more is not None else {}), **drawn.images}
+    remarks += replace_outputs(folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()})
     write_report(folder, summary, view, stills_by_pose(view, drawn.images), curves, paths)
-    return [drawn.remark] if drawn.remark else []
+    return list(dict.fromkeys([*remarks, *(item.remark for item in (drawn, more) if item is not None and item.remark)]))
 
 
 def publish_again(
@@ -75,34 +79,14 @@ def publish_again(
         raise OutputError(
             f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
-    remarks = publish_run(folder, summary, view, curves, paths)
-    drawn = draw_pictures(folder, "all")
-    # the machine itself stays as it is in the report
-    target = folder / FIGURES_FOLDER
-    kept = {path.name: path.read_bytes() for path in target.glob("machine_*.png")}
-    _write_files(target, {f"{name}.png": image for name, image in drawn.images.items()} | kept, "*.png")
-    return remarks + ([drawn.remark] if drawn.remark and drawn.remark not in remarks else [])
+    return publish_run(folder, summary, view, curves, paths, more=draw_pictures(folder, "all"))
 
 
-def write_tables(folder: Path, summary: Json, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()) -> None:
-    """Write every table as ``tables/NAME.csv``.
+def write_tables(folder: Path, summary: Json, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()) -> list[str]:
+    """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the user.
 
     Raises:
         OutputError: A file cannot be written.
     """
     tables = [*list_tables(summary), *map(tabulate_response, curves), *map(tabulate_path, paths)]
-    _write_files(folder / TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables}, "*.csv")
-
-
-def _write_files(folder: Path, files: dict[str, bytes], pattern: str) -> None:
-    """Write files into a folder, and remove those of the pattern that are not among them."""
-    try:
-        if files:
-            folder.mkdir(exist_ok=True)
-        for name, content in files.items():
-            write_output(folder / name, content)
-        for path in folder.glob(pattern):
-            if path.name not in files:
-                path.unlink()
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror or error}") from error
+    return replace_outputs(folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables})

@@ -40,8 +40,9 @@ from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, component_colors
 from headstock.pipeline.mode_files import file_stem
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.path_results import PathCurves
-from headstock.pipeline.result_files import REPORT_FILE, write_output
+from headstock.pipeline.result_files import REPORT_FILE
 from headstock.reduction.mode_naming import WHOLE_MACHINE
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"

@@ -11,11 +11,12 @@ from mpi4py import MPI
 from headstock.app.console import print_header, print_remarks, print_stage, print_summary
 from headstock.app.guard import DONE, FAILED
 from headstock.app.progress import show_progress
-from headstock.app.publishing import publish_run
+from headstock.app.publishing import PARTS, publish_run
 from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.json_texts import dump_json
+from headstock.pipeline.outputs import claim_output, write_output
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
-from headstock.pipeline.result_files import claim_output, write_output
+from headstock.pipeline.result_files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
@@ -57,7 +58,7 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
     stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
     output = request.output or Path("results") / stem
     with contextlib.ExitStack() as claims:
-        make_on_root(comm, lambda: claims.enter_context(claim_output(output)))
+        make_on_root(comm, lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), PARTS)))
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
         results = _run_with_progress(scene, output, comm)

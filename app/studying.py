@@ -13,6 +13,7 @@ import click
 from mpi4py import MPI
 
 import headstock.validation
+from headstock.app.console import print_remarks
 from headstock.app.cost_charts import draw_costs
 from headstock.app.cost_listing import cost_table, list_costs
 from headstock.app.guard import DONE, FAILED
@@ -26,8 +27,8 @@ from headstock.app.summary_tables import encode_csv
 from headstock.pipeline.content_keys import code_fingerprint
 from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.json_texts import Json, dump_json
+from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
-from headstock.pipeline.result_files import claim_output, write_output
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.study_records import StudyRecord
@@ -37,6 +38,9 @@ from headstock.validation.kono_claims import judge_ladder, judge_own
 from headstock.validation.ladder_points import collect_points, measure_beam
 from headstock.validation.ladder_references import LadderBeam, ladder_beam
 from headstock.validation.paper_elements import paper_points
+
+TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
+Extra = dict[str, bytes]  # further files of a study, by name
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,13 @@ def study_request(request: StudyRequest, comm: MPI.Comm) -> int:
     require_ranks(request.ranks, comm)
     job = make_on_root(comm, lambda: _make_job(request))
     folder = request.output or Path("results") / f"{request.scene.stem}-{request.name}"
-    with claim_output(folder) if comm.rank == 0 else contextlib.nullcontext():
+    with claim_output(folder, (TABLE_FILE, LISTING_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         records = run_study(job, folder, comm=comm, observer=print_progress)
         if comm.rank == 0:
             table = tabulate_study(job.study, records)
-            _publish(table, records, folder, request)
+            remarks = _publish(table, records, folder, request)
             print_study(table, seconds=time.perf_counter() - start, folder=folder)
+            print_remarks(remarks)
     failed = any(record.status == "failed" for record in records)
     return int(share_from_root(comm, FAILED if failed else DONE))
 
@@ -102,39 +107,40 @@ def _make_job(request: StudyRequest) -> StudyJob:
     return job
 
 
-def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest) -> None:
-    """Write the files of a study beside its records, and print what a reference says of it."""
+def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest) -> list[str]:
+    """Write the files of a study beside its records, and print what a reference says of it; remarks for the user."""
+    extra: Extra = {}
     listing = list_study(table, request.scene)
     if table.study.reference is not None:
-        listing |= _publish_ladder(ladder_beam(table.study.reference), records, folder)
+        listing |= _add_ladder(ladder_beam(table.study.reference), records, extra)
     if table.study.truth is not None:
-        listing |= _publish_costs(table, folder)
-    write_output(folder / "study.csv", study_csv(table))
-    write_output(folder / "study.json", dump_json(listing).encode())
+        listing |= _add_costs(table, extra)
     figure = draw_study(table)
     if figure is not None:
-        write_output(folder / "study.png", encode_png(figure))
+        extra["study.png"] = encode_png(figure)
+    remarks = write_beside(folder, extra)
+    write_output(folder / TABLE_FILE, study_csv(table))
+    write_output(folder / LISTING_FILE, dump_json(listing).encode())
     if request.json_file is not None:
         write_output(request.json_file, dump_json(listing).encode())
+    return remarks
 
 
-def _publish_costs(table: StudyTable, folder: Path) -> Json:
+def _add_costs(table: StudyTable, extra: Extra) -> Json:
     """Errors beside costs, as a table and a figure."""
     points = weigh_costs(table)
-    write_output(folder / "cost.csv", encode_csv(cost_table(points)))
+    extra["cost.csv"] = encode_csv(cost_table(points))
     figure = draw_costs(points, {family.name: family.label for family in table.study.families})
     if figure is not None:
-        write_output(folder / "cost.png", encode_png(figure))
+        extra["cost.png"] = encode_png(figure)
     return list_costs(points)
 
 
-def _publish_ladder(beam: LadderBeam, records: Sequence[StudyRecord], folder: Path) -> Json:
+def _add_ladder(beam: LadderBeam, records: Sequence[StudyRecord], extra: Extra) -> Json:
     """Figures, tables and claims of a ladder."""
     points = [*collect_points(beam, records), *paper_points(beam)]
     claims, own = judge_ladder(beam, points), judge_own(beam, points)
-    for table in ladder_tables(beam, points, [*claims, *own]):
-        write_output(folder / f"{table.name}.csv", encode_csv(table))
-    for name, pixels in draw_ladder(beam, points).items():
-        write_output(folder / f"{name}.png", encode_png(pixels))
+    extra.update({f"{table.name}.csv": encode_csv(table) for table in ladder_tables(beam, points, [*claims, *own])})
+    extra.update({f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()})
     print_ladder(beam, points, claims, own)
     return {"claims": list_claims(claims), "own_claims": list_claims(own)}

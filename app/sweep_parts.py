@@ -7,8 +7,8 @@ from mpi4py import MPI
 
 from headstock.app.console import counted, make_console, print_stage
 from headstock.app.guard import DONE
+from headstock.pipeline.outputs import prepare_output
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.result_files import prepare_output
 from headstock.pipeline.slurm_tools import SlurmError
 from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, sweep_key
 

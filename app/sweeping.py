@@ -10,7 +10,7 @@ import click
 from mpi4py import MPI
 
 from headstock.app.cluster_sweeping import ClusterRequest, sweep_on_slurm
-from headstock.app.console import print_stage, warn_of_unused_accuracy
+from headstock.app.console import print_remarks, print_stage, warn_of_unused_accuracy
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
@@ -21,20 +21,21 @@ from headstock.app.sweep_page import render_sweep
 from headstock.app.sweep_parts import compute_part
 from headstock.app.sweep_quantities import tabulate_sweep
 from headstock.pipeline.json_texts import Json, dump_json
-from headstock.pipeline.pose_journals import remove_other_journals
+from headstock.pipeline.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.pose_journals import FOLDER, remove_other_journals
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
-from headstock.pipeline.result_files import REPORT_FILE, claim_output, write_output
+from headstock.pipeline.result_files import REPORT_FILE
 from headstock.pipeline.scene_errors import Findings, suggest_names
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.scene_overrides import VARIANT_JOINER
 from headstock.pipeline.slurm_jobs import SlurmOptions
 from headstock.pipeline.sweep_builder import check_sweep_carriages
-from headstock.pipeline.sweep_files import summarise_sweep, write_sweep
+from headstock.pipeline.sweep_files import SWEEP_FILE, summarise_sweep, write_sweep
 from headstock.pipeline.sweep_names import name_tracked_modes
 from headstock.pipeline.sweep_results import SweepResults, collect_results
 from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, select_analyses
 
-SUMMARY = "sweep.json"
+SUMMARY, CSV_FILE = "sweep.json", "sweep.csv"
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,11 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
     job = make_on_root(comm, lambda: _make_job(request))
     if request.part is not None:
         return compute_part(job, request.key, comm)
-    with claim_output(job.folder) if comm.rank == 0 else contextlib.nullcontext():
+    with (
+        claim_output(job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, REPORT_FILE), (FOLDER,))
+        if comm.rank == 0
+        else contextlib.nullcontext()
+    ):
         if comm.rank == 0:
             print_sweep_header(job, ranks=comm.size)
         outcome = run_sweep(job, comm=comm, observer=print_stage)
@@ -79,8 +84,9 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
             results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
             results = name_tracked_modes(outcome.state, results)
             summary = summarise_sweep(results)
-            _publish(summary, results, request, job.folder)
+            remarks = _publish(summary, results, request, job.folder)
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
+            print_remarks(remarks)
             failed = bool(results.failed)
     return int(share_from_root(comm, FAILED if failed else DONE))
 
@@ -94,18 +100,18 @@ def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Com
     return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm))
 
 
-def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path) -> None:
-    """Write every file of a sweep: results, pictures and the page."""
+def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path) -> list[str]:
+    """Write every file of a sweep: results, pictures and the page; remarks for the user."""
     write_sweep(folder, results)
     write_output(folder / SUMMARY, dump_json(summary).encode())
     if request.json_file is not None:
         write_output(request.json_file, dump_json(summary).encode())
-    write_output(folder / "sweep.csv", encode_csv(tabulate_sweep(summary)))
+    write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
     figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
-    for name, image in figures.items():
-        write_output(folder / f"{name}.png", image)
+    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
     write_output(folder / REPORT_FILE, render_sweep(summary, figures).encode())
     remove_other_journals(folder, results.key)
+    return remarks
 
 
 def _make_job(request: SweepRequest) -> SweepJob:

@@ -70,11 +70,12 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
 
     def action() -> int:
         from headstock.app.console import print_remarks
-        from headstock.app.publishing import publish_again
-        from headstock.pipeline.result_files import REPORT_FILE, claim_output, read_curves, read_paths, read_summary, read_view
+        from headstock.app.publishing import PARTS, publish_again
+        from headstock.pipeline.outputs import claim_output
+        from headstock.pipeline.result_files import REPORT_FILE, read_curves, read_paths, read_summary, read_view
 
         summary = read_summary(folder)
-        with claim_output(folder):
+        with claim_output(folder, (REPORT_FILE,), PARTS):
             print_remarks(publish_again(folder, summary, read_view(folder), read_curves(folder), read_paths(folder)))
         typer.echo(folder / REPORT_FILE)
         return 0

@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
-from headstock.app.console import make_console
+from headstock.app.console import make_console, print_remarks
 from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
 from headstock.app.validation_table import print_validation
-from headstock.pipeline.result_files import prepare_output, write_output
+from headstock.pipeline.outputs import prepare_output, write_beside, write_output
 from headstock.validation.case_registry import Case
 from headstock.validation.case_rows import ValidationRow
 from headstock.validation.errors import UnknownCaseError
@@ -56,5 +56,4 @@ def validate_cases(
 def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
     # matplotlib takes long to import: only where a folder for figures is asked for
     draw_axis_kit = importlib.import_module(FIGURES_MODULE).draw_axis_kit
-    for name, pixels in draw_axis_kit(rows).items():
-        write_output(output / f"{name}.png", encode_png(pixels))
+    print_remarks(write_beside(output, {f"{name}.png": encode_png(pixels) for name, pixels in draw_axis_kit(rows).items()}))

@@ -35,7 +35,7 @@ class PendingFiles:
         Raises:
             OSError: The folder is not writable, the disk is full or the device reports an error.
         """
-        _remove_abandoned(path)
+        remove_abandoned(path)
         handle, temporary = _open_temporary(path)
         self._waiting.append((handle, temporary, path))
         with os.fdopen(os.dup(handle), "wb") as file:
@@ -88,7 +88,7 @@ def _open_temporary(path: Path) -> tuple[int, Path]:
         os.close(handle)  # another writer took it for abandoned before it was locked
 
 
-def _remove_abandoned(path: Path) -> None:
+def remove_abandoned(path: Path) -> None:
     """Remove temporaries of ``path`` that no living process writes."""
     prefix = _prefix(path)
     for found in list(path.parent.iterdir()):
@@ -104,7 +104,8 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _prefix(path: Path) -> str:
-    return f".{path.name}."
+    # a user's file beside it is not called like that: what begins so may be removed
+    return f".{path.name}.headstock-"
 
 
 def _lock(handle: int) -> bool:

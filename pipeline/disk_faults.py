@@ -2,7 +2,7 @@
 
 import errno
 
-from headstock.pipeline.result_files import OutputError
+from headstock.pipeline.outputs import OutputError
 from headstock.solvers.errors import CompileError
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)

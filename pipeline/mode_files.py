@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from headstock.geometry.skins import Skin
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView, PoseView, component_colors
-from headstock.pipeline.result_files import OutputError, write_output
+from headstock.pipeline.outputs import replace_outputs
 
 MODES_FOLDER = "modes"
 # the largest displacement is shown as this share of the machine's size
@@ -30,38 +30,26 @@ Z_UP_TO_Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 AnyArray = NDArray[Any]
 
 
-def write_mode_files(folder: Path, summary: Json, view: MachineView) -> list[Path]:
-    """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove what an earlier run left there.
+def write_mode_files(folder: Path, summary: Json, view: MachineView) -> list[str]:
+    """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those of an earlier run.
+
+    Returns:
+        Remarks for the user.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    target = folder / MODES_FOLDER
-    written: list[Path] = []
+    contents: dict[str, bytes] = {}
     by_pose = {modes["pose_name"]: modes for modes in summary["modal"]}
     for name, pose in view.poses.items():
         modes = by_pose.get(name, {"frequencies_hz": []})
         if not pose.pushes and not (pose.shifts and modes["frequencies_hz"]):
             continue
-        _make_folder(target)
         stem = file_stem(name)
-        contents = {f"{stem}.vtu": encode_vtu(view, pose, modes)}
+        contents[f"{stem}.vtu"] = encode_vtu(view, pose, modes)
         for index in range(len(modes["frequencies_hz"]) if pose.shifts else 0):
             contents[f"{stem}_{index + 1:02d}.glb"] = encode_glb(view, pose, modes, index)
-        for name, content in contents.items():
-            written.append(target / name)
-            write_output(written[-1], content)
-    for path in (*target.glob("*.vtu"), *target.glob("*.glb")):
-        if path not in written:
-            path.unlink()
-    return written
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be made: {error.strerror or error}") from error
+    return replace_outputs(folder, MODES_FOLDER, contents)
 
 
 def file_stem(name: str) -> str:

@@ -15,13 +15,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
+from headstock.pipeline.outputs import OutputError, TakenOutputError, make_part, read_growing_file
 from headstock.pipeline.pose_results import PoseResult, decode_result, encode_result
-from headstock.pipeline.result_files import OutputError
 
 FOLDER = "poses"
 SUFFIX = ".journal"
 FLUSH_SECONDS = 1.0
 KEY_LETTERS = 16
+HEAD = b"headstock poses "
 _RECORD = struct.Struct("<II")
 
 
@@ -42,8 +43,8 @@ class PoseJournal:
         self._path = folder / FOLDER / f"{key[:KEY_LETTERS]}-{name}{SUFFIX}"
         self._flushed = time.monotonic()
         try:
-            self._path.parent.mkdir(exist_ok=True)
-            self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            make_part(self._path.parent)
+            self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644)
             try:
                 self._lock()
                 self._begin(key)
@@ -93,7 +94,7 @@ class PoseJournal:
 
     def _begin(self, key: str) -> None:
         """Write the head of a new journal; cut a record off that was not finished."""
-        content = self._path.read_bytes()
+        content = read_growing_file(self._path, HEAD)
         if not content.startswith(_head(key)):
             os.ftruncate(self._handle, 0)
             if os.write(self._handle, _head(key)) != len(_head(key)):
@@ -142,13 +143,15 @@ def remove_other_journals(folder: Path, key: str) -> None:
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
         if path.name.startswith(key[:KEY_LETTERS]):
             continue
-        with contextlib.suppress(OSError), path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
+        with contextlib.suppress(OSError, TakenOutputError):
+            read_growing_file(path, HEAD)
+            with path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
 
 
 def _head(key: str) -> bytes:
-    return f"headstock poses 1 {key}\n".encode()
+    return HEAD + f"1 {key}\n".encode()
 
 
 def _records(content: bytes, key: str) -> Iterator[bytes]:

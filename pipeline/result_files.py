@@ -1,22 +1,19 @@
-"""The files a run leaves in its output folder: each is the old one or the whole new one."""
+"""The two files of a run that hold its numbers, ``results.h5`` and ``summary.json``: written together, and read again."""
 
-import contextlib
 import hashlib
 import io
 import json
 import re
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.atomic_files import PendingFiles, lock_folder, write_atomically
 from headstock.pipeline.frf_results import ResponseCurves, fill_curves, parse_curves
 from headstock.pipeline.json_texts import Json, check_finite, dump_json
 from headstock.pipeline.machine_views import MachineView
+from headstock.pipeline.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.path_results import PathCurves, fill_path, parse_path
 from headstock.pipeline.record_files import RecordError, read_record, write_record
 from headstock.pipeline.result_summary import summarise
@@ -50,39 +47,7 @@ UNITS = {
 }
 
 
-class OutputError(HeadstockError):
-    """An output folder or file cannot be written or read."""
-
-
-def prepare_output(folder: Path) -> None:
-    """Make an output folder and try that files can be written there, before anything is computed.
-
-    Raises:
-        OutputError: They cannot.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror or error}; name another folder with -o DIR") from error
-
-
-@contextlib.contextmanager
-def claim_output(folder: Path) -> Iterator[None]:
-    """Keep other runs out of an output folder while the body runs.
-
-    Raises:
-        OutputError: Another run is writing there, or nothing can be written there.
-    """
-    prepare_output(folder)
-    with lock_folder(folder) as mine:
-        if not mine:
-            raise OutputError(f"another run is writing into {folder}; wait until it ends, or name another folder with -o DIR")
-        yield
-
-
-def add_results(pending: PendingFiles, folder: Path, results: Results) -> str:
+def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
     """Write ``results.h5``, to appear with the other pending files.
 
     Returns:
@@ -95,39 +60,21 @@ def add_results(pending: PendingFiles, folder: Path, results: Results) -> str:
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         _fill(file, results)
-    with _naming(folder / RESULTS_FILE) as path:
+    with naming_output(folder / RESULTS_FILE) as path:
         pending.add(path, image.getvalue())
     return hashlib.sha256(image.getbuffer()).hexdigest()
 
 
-def publish_summary(pending: PendingFiles, folder: Path, results: Results) -> None:
+def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> None:
     """Write ``summary.json`` and let it appear, last, with the other pending files.
 
     Raises:
         AccuracyError: A result is not a finite number.
         OutputError: It cannot be written; all earlier files are then as they were.
     """
-    with _naming(folder / SUMMARY_FILE) as path:
+    with naming_output(folder / SUMMARY_FILE) as path:
         pending.add(path, dump_json(summarise(results)).encode())
         pending.publish()
-
-
-def write_output(path: Path, content: bytes) -> None:
-    """Write one file atomically.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
-    with _naming(path):
-        write_atomically(path, content)
-
-
-@contextlib.contextmanager
-def _naming(path: Path) -> Iterator[Path]:
-    try:
-        yield path
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}; what was there before is as it was") from error
 
 
 def _fill(file: h5py.File, results: Results) -> None:

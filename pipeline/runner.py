@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 from headstock.geometry.solids import SuperelementFile
 from headstock.pipeline.accuracy_search import search_settings
-from headstock.pipeline.atomic_files import PendingFiles
 from headstock.pipeline.budgets import check_elapsed
 from headstock.pipeline.component_stages import (
     run_load_stage,
@@ -32,12 +31,13 @@ from headstock.pipeline.mechanism_stages import (
     run_lumped_static_stage,
     run_place_stage,
 )
+from headstock.pipeline.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.path_stage import run_path_stage
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.probe_stages import run_recover_stage
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import measure
-from headstock.pipeline.result_files import RESULTS_FILE, add_results, prepare_output, publish_summary
+from headstock.pipeline.result_files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
 from headstock.pipeline.result_warnings import find_warnings
 from headstock.pipeline.results import ComponentFacts, Results
 from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
@@ -99,11 +99,11 @@ def run_scene(
         HeadstockError: A computation or a file failed; earlier files are untouched.
     """
     if comm.rank == 0:
-        prepare_output(output)
+        prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
     rounds = _Rounds(comm, store or Store(default_store_root()), observer, announce)
     state = _run_rounds(scene, rounds)
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
-    with PendingFiles() as pending:
+    with PendingOutputs() as pending:
         rounds.run_stage(state, state.plan.stages[-1], lambda: _write(state, output, pending))
         results = gather_results(state, tuple(rounds.records))
         if state.is_root:
@@ -193,7 +193,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
     )
 
 
-def _write(state: RunState, output: Path, pending: PendingFiles) -> Outcome:
+def _write(state: RunState, output: Path, pending: PendingOutputs) -> Outcome:
     if state.is_root:
         for message in find_warnings(state):
             state.warn(message)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from headstock.pipeline.atomic_files import write_atomically
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.sweep_poses import Sweep
 
 SCRIPT_FILE = "sweep.sbatch"
@@ -136,9 +136,9 @@ def write_submission(folder: Path, submission: Submission) -> None:
     """Keep the numbers of a submitted job.
 
     Raises:
-        OSError: They cannot be written.
+        OutputError: They cannot be written.
     """
-    write_atomically(folder / FOLDER / SUBMISSION_FILE, json.dumps(asdict(submission), indent=1).encode())
+    write_output(folder / FOLDER / SUBMISSION_FILE, json.dumps(asdict(submission), indent=1).encode())
 
 
 def read_submission(folder: Path, key: str) -> Submission | None:

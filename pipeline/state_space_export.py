@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from headstock.pipeline.analysis_requests import Analyses, FrfRequest
 from headstock.pipeline.damped_machines import damp_system
+from headstock.pipeline.outputs import check_output, write_output
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.result_files import write_output
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.scene import Scene
@@ -43,6 +43,7 @@ def export_state_space(scene: Scene, path: Path, *, up_to_hz: float, pose: str |
     name = pose or next(iter(scene.poses))
     if name not in scene.poses:
         raise ModelError(f"the scene has no pose {name!r}; poses: {', '.join(scene.poses)}")
+    check_output(path)
     inputs, outputs = _ports(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     wanted = dataclasses.replace(scene, analyses=Analyses(frf=request))

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from headstock.pipeline.json_texts import Json
-from headstock.pipeline.result_files import OutputError
+from headstock.pipeline.outputs import OutputError, read_growing_file
 
 POINTS_FILE = "points.jsonl"
 FORMAT = 1
+LINE_START = b'{"key":'
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +60,12 @@ def read_records(folder: Path) -> dict[str, StudyRecord]:
     """Finished points by key, the last one where a key comes twice; what a killed process left of a line is cut off.
 
     Raises:
+        TakenOutputError: The file is a link, or not one that a study writes: lines would be cut off or added to a file of the user.
         OutputError: The file cannot be read or mended.
     """
     path = folder / POINTS_FILE
     try:
-        content = path.read_bytes()
+        content = read_growing_file(path, LINE_START)
         whole = content[: content.rfind(b"\n") + 1]
         if len(whole) < len(content):
             os.truncate(path, len(whole))

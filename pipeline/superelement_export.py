@@ -4,9 +4,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from headstock.pipeline.outputs import OutputError, check_output
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.result_files import OutputError
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.scene import Scene
@@ -34,6 +34,7 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
     """
     if not path.absolute().parent.is_dir():
         raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
+    check_output(path)
     plan = plan_scene(scene)
     if component not in plan.components:
         raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
@@ -44,9 +45,6 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
     text = ""
     if state.is_root:
         superelement = state.reduced[component].superelement
-        try:
-            write_superelement(path, superelement)
-        except OSError as error:
-            raise OutputError(f"{path} cannot be written: {error.strerror or error}; what was there before is as it was") from error
+        write_superelement(path, superelement)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from headstock.meshing.guarded_process import ChildLimits, run_guarded
-from headstock.pipeline.atomic_files import write_atomically
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.record_files import RecordError, read_record, write_record
 from headstock.reduction.rails import DEGREE, STATION_DOFS
 from headstock.reduction.superelement import Superelement
@@ -27,13 +27,17 @@ WALL_SECONDS = 60
 
 
 def write_superelement(path: Path, superelement: Superelement) -> None:
-    """Write a superelement so that a reader sees the old file or the whole new one, never a part."""
+    """Write a superelement so that a reader sees the old file or the whole new one, never a part.
+
+    Raises:
+        OutputError: It cannot be written, or there is a file that Headstock did not write.
+    """
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["format"] = FORMAT
         file.attrs["version"] = VERSION
         write_record(file, superelement)
-    write_atomically(path, image.getvalue())
+    write_output(path, image.getvalue())
 
 
 def read_superelement(path: Path) -> Superelement:

@@ -9,8 +9,9 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.json_texts import Json
+from headstock.pipeline.outputs import write_output
 from headstock.pipeline.pose_results import FIGURES
-from headstock.pipeline.result_files import mark_units, write_output
+from headstock.pipeline.result_files import mark_units
 from headstock.pipeline.sweep_results import PointMap, SweepResults
 
 SWEEP_FILE = "sweep.h5"

@@ -14,12 +14,12 @@ from headstock.pipeline.analysis_requests import Analyses
 from headstock.pipeline.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
 from headstock.pipeline.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
 from headstock.pipeline.machine_poses import share_machine, solve_machine_pose
+from headstock.pipeline.outputs import OutputError
 from headstock.pipeline.planner import is_lumped, plan_scene
 from headstock.pipeline.pose_journals import PoseJournal, read_journals
 from headstock.pipeline.pose_results import PoseResult
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import measure
-from headstock.pipeline.result_files import OutputError
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS, Observer
 from headstock.pipeline.scene import Scene

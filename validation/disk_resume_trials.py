@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from headstock.pipeline.outputs import LIST_FILE
 from headstock.validation.campaign_runs import wait_for_end
 from headstock.validation.disk_run_trials import MOST_ROOM, SHARED, TEMPORARY, require_named
 from headstock.validation.errors import CampaignError
@@ -134,7 +135,7 @@ def _read_files(folder: Path) -> Bytes:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.suffix not in GROWING
+        if path.is_file() and path.name != LIST_FILE and path.suffix not in GROWING
     }
 
 

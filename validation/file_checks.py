@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import h5py
 
+from headstock.pipeline.outputs import LIST_FILE
 from headstock.validation.errors import CampaignError
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -32,6 +33,8 @@ def check_files(folder: Path) -> list[str]:
     """
     temporaries = []
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        if path.name == LIST_FILE:
+            continue  # readers pass over a line without an end
         if path.name.startswith("."):
             temporaries.append(path.name)
         else:

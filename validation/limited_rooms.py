@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from headstock.validation.small_disks import small_disk
+from headstock.validation.small_disks import bound_folder, small_disk
 
 DISK_BYTES = 64 << 20
 # bytes that may still be written, or None for all there are
@@ -34,12 +34,11 @@ def limited_room(folder: Path, names: Sequence[str], *, limited_files: bool) -> 
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
         return
-    with small_disk(folder / "disk", DISK_BYTES) as disk:
+    with contextlib.ExitStack() as stack:
+        disk = stack.enter_context(small_disk(folder / "disk", DISK_BYTES))
         for name in names:
             (disk / name).mkdir()
-            if (folder / name).is_dir():
-                (folder / name).rmdir()
-            (folder / name).symlink_to(disk / name)
+            stack.enter_context(bound_folder(folder / name, disk / name))
         yield lambda room: _fill(disk / "ballast", room)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from headstock.validation.errors import CampaignError
 
 MOUNT, UNMOUNT = "mount", "umount2"
+BIND, DETACH = 4096, 2  # MS_BIND, MNT_DETACH
 
 
 def enter_own_view() -> None:
@@ -42,7 +43,22 @@ def small_disk(folder: Path, size: int) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        _call(UNMOUNT, bytes(folder), 2)  # MNT_DETACH
+        _call(UNMOUNT, bytes(folder), DETACH)
+
+
+@contextlib.contextmanager
+def bound_folder(folder: Path, source: Path) -> Iterator[None]:
+    """Show a folder at another place too, inside ``enter_own_view``.
+
+    Raises:
+        CampaignError: The kernel refuses.
+    """
+    folder.mkdir(exist_ok=True)
+    _call(MOUNT, bytes(source), bytes(folder), None, BIND, None)
+    try:
+        yield
+    finally:
+        _call(UNMOUNT, bytes(folder), DETACH)
 
 
 def _call(name: str, *arguments: object) -> None:

@@ -98,7 +98,7 @@ def test_run_writes_results_summary_and_report_and_prints_stages(
     out, copy = tmp_path / "out", tmp_path / "copy.json"
     assert main(["run", str(scene_file), "-o", str(out), "--json", str(copy)]) == 0
     assert sorted(path.name for path in out.iterdir()) == [
-        "figures", "modes", "report.html", "results.h5", "summary.json", "tables",
+        ".headstock-files", "figures", "modes", "report.html", "results.h5", "summary.json", "tables",
     ]  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert json.loads(copy.read_text()) == summary

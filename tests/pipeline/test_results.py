@@ -12,9 +12,9 @@ import pytest
 from headstock.geometry.frames import Frame
 from headstock.geometry.machines import Pose
 from headstock.meshing.component_mesh import MeshQuality
-from headstock.pipeline.atomic_files import PendingFiles
 from headstock.pipeline.error_estimates import REDUCTION, Estimate
-from headstock.pipeline.result_files import OutputError, add_results, claim_output, prepare_output, publish_summary, read_summary
+from headstock.pipeline.outputs import OutputError, PendingOutputs, claim_output, prepare_output
+from headstock.pipeline.result_files import add_results, publish_summary, read_summary
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import ComponentFacts, PointCompliance, PoseModes, Results
 from headstock.pipeline.stages import Stage, StageRecord
@@ -54,7 +54,7 @@ def make_results() -> Results:
 
 def write_all(folder: Path, results: Results) -> None:
     prepare_output(folder)
-    with PendingFiles() as pending:
+    with PendingOutputs() as pending:
         add_results(pending, folder, results)
         publish_summary(pending, folder, results)
 
@@ -107,7 +107,7 @@ def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     broken = dataclasses.replace(MODES, frequencies_hz=np.array([1.0, value]))
     results = dataclasses.replace(make_results(), modal=(broken,))
-    with PendingFiles() as pending:
+    with PendingOutputs() as pending:
         with pytest.raises(AccuracyError, match="not finite"):
             add_results(pending, tmp_path, results)
         with pytest.raises(AccuracyError, match="not finite"):

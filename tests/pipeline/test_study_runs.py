@@ -14,7 +14,7 @@ from mpi4py import MPI
 import headstock.pipeline.study_runs
 from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.result_files import OutputError
+from headstock.pipeline.outputs import OutputError
 from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_content import file_digests
@@ -184,7 +184,7 @@ def test_lines_of_another_version_or_of_no_record_are_computed_anew(scene_file: 
     records, _ = compute(make_job(scene_file), tmp_path / "out")
     path = tmp_path / "out" / POINTS_FILE
     old = json.loads(path.read_text().splitlines()[0])
-    path.write_text("\n".join(["[]", "{}", "not json", "5", json.dumps(old | {"format": 0}), json.dumps(old | {"new": 1})]) + "\n")
+    path.write_text("\n".join([json.dumps(old | {"format": 0}), "[]", "{}", "not json", "5", json.dumps(old | {"new": 1})]) + "\n")
     assert read_records(tmp_path / "out") == {}
     assert records
 

@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 import headstock.pipeline.sweep_runs
 from headstock.pipeline.machine_poses import solve_machine_pose
+from headstock.pipeline.outputs import OutputError
 from headstock.pipeline.pose_journals import FOLDER, PoseJournal, read_journals
 from headstock.pipeline.pose_results import PoseResult, decode_result, encode_result
-from headstock.pipeline.result_files import OutputError
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.sweep_files import SWEEP_FILE, write_sweep

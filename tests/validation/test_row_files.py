@@ -1,21 +1,19 @@
 """Claims about the JSON list of validation rows."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from headstock.validation.case_rows import Target, failed_computation, judge, judge_bound
-from headstock.validation.row_files import rows_as_json, write_rows
+from headstock.validation.row_files import rows_as_json
 
 CONTRACT = {"case", "quantity", "value", "reference", "unit", "relative_error", "tolerance", "kind", "passed"}
 
 
-def test_the_file_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "rows.json"
-    write_rows([judge_bound("a", "q", 1e-12, 1e-9), failed_computation("b", "why")], path)
-    entries = json.loads(path.read_text(), parse_constant=lambda text: pytest.fail(f"{text} is not JSON"))
+def test_the_text_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbers() -> None:
+    text = rows_as_json([judge_bound("a", "q", 1e-12, 1e-9), failed_computation("b", "why")])
+    entries = json.loads(text, parse_constant=lambda token: pytest.fail(f"{token} is not JSON"))
     assert all(set(entry) >= CONTRACT for entry in entries)
     assert [entry["value"] for entry in entries] == [1e-12, None]
     assert [entry["passed"] for entry in entries] == [True, False]
@@ -26,13 +24,3 @@ def test_numbers_of_numpy_are_written_like_any_other() -> None:
     entry = json.loads(rows_as_json([judge("a", "q", np.float64(2.1), target)]))[0]
     assert entry["passed"] is True
     assert entry["relative_error"] == pytest.approx(0.05)
-
-
-def test_nothing_but_the_file_is_left_behind(tmp_path: Path) -> None:
-    write_rows([], tmp_path / "rows.json")
-    assert [path.name for path in tmp_path.iterdir()] == ["rows.json"]
-
-
-def test_a_folder_that_does_not_exist_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="missing"):
-        write_rows([], tmp_path / "missing" / "rows.json")
