@@ -6,7 +6,7 @@ import click
 import typer
 
 from headstock.app import batch_commands, scene_commands, tool_commands
-from headstock.app.guard import hand_over, prepare_streams
+from headstock.app.guard import find_home, hand_over, prepare_streams
 
 PROGRAM = "headstock"
 PROGRAM_HELP = """A FEM-based virtual machine tool: from one scene file to a machine's stiffness and modes.
@@ -48,6 +48,7 @@ app.command("test", context_settings={"ignore_unknown_options": True, "allow_ext
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     prepare_streams()
+    find_home()
     try:
         code = typer.main.get_command(app).main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
     except click.ClickException as error:

@@ -5,6 +5,7 @@ import errno
 import inspect
 import io
 import os
+import pwd
 import sys
 import time
 import traceback
@@ -105,6 +106,16 @@ def prepare_streams() -> None:
             output = io.BufferedWriter(_LosableOutput(stream.fileno(), "w", closefd=False))
             buffered = io.TextIOWrapper(output, stream.encoding, "spelled", line_buffering=name == "stderr" or stream.isatty())
             setattr(sys, name, buffered)
+
+
+def find_home() -> None:
+    """Without HOME take the folder of the account: MPI ends a process that has none."""
+    if os.environ.get("HOME"):
+        return
+    try:
+        os.environ["HOME"] = pwd.getpwuid(os.geteuid()).pw_dir
+    except KeyError:
+        os.environ["HOME"] = os.environ.get("XDG_CACHE_HOME") or "/"
 
 
 def _spell(error: UnicodeError) -> tuple[str, int]:

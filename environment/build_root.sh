@@ -15,6 +15,25 @@ root_path() {
 
 root_complete() { [ -e "$1/etc/headstock-root" ]; }
 
+# Owner, mode and time of what a program added to or replaced in the root would change: its folders of programs, libraries and modules.
+root_stamp() {
+    (cd -- "$root" && stat -c '%n %u %a %Y' -- etc/alternatives etc/ld.so.cache usr usr/bin usr/bin/python3* usr/sbin usr/lib usr/lib/*-linux-gnu \
+        usr/lib/python3* usr/lib/python3*/lib-dynload usr/lib/python3/dist-packages usr/lib/python3/dist-packages/*/ usr/local/lib/* 2>/dev/null) || :
+}
+
+# Only this launcher's build writes the root, which is entered read-only; the stamp of the first entrance stays true.
+require_unchanged() {
+    [ -z "$dry_run" ] || return 0
+    stamps=$cache/stamp-${root##*/}
+    now=$(root_stamp)
+    if [ ! -f "$stamps" ]; then
+        printf '%s\n' "$now" >"$stamps.$$" && mv -f -- "$stamps.$$" "$stamps"
+    elif [ "$now" != "$(cat -- "$stamps")" ]; then
+        changed=$(printf '%s\n' "$now" | grep -vxFf "$stamps" | head -n 1)
+        fail "the environment in $root is no longer what was built (${changed%% *}): remove that folder and $stamps, the next command builds it anew"
+    fi
+}
+
 # Atomic: the root grows beside its place and is renamed when it is whole. The lock is inherited by the children, so it stays
 # taken while any part of a killed build still runs; whoever gets it next clears what that build left.
 build_root() {
@@ -35,6 +54,7 @@ build_root() {
         trap - INT TERM HUP
         basename -- "$root" >"$growing/etc/headstock-root"
         rm -f -- "$growing.pipe"
+        rm -f -- "$cache/stamp-${root##*/}"
         mv -- "$growing" "$root"
         say "environment ready"
     fi
@@ -70,7 +90,7 @@ bootstrap() {
         --dpkgopt='path-exclude=/usr/share/locale/*' --dpkgopt='path-include=/usr/share/locale/locale.alias' \
         "$suite" "$target" "$@"
     # in the background and waited for, because a shell answers to signals only between foreground commands
-    if [ "$(id -u)" = 0 ]; then
+    if [ "$me" = 0 ]; then
         setsid mmdebstrap "$@" >>"$log" 2>&1 &
         builder=$!
         wait "$builder"
@@ -113,15 +133,15 @@ free some, or put the cache elsewhere with XDG_CACHE_HOME=/path"
 
 require_builders() {
     tools="mmdebstrap bwrap" wanted="mmdebstrap bubblewrap debian-archive-keyring"
-    if [ "$(id -u)" != 0 ]; then tools="$tools newuidmap" wanted="$wanted uidmap"; fi
+    if [ "$me" != 0 ]; then tools="$tools newuidmap" wanted="$wanted uidmap"; fi
     missing=
     for tool in $tools; do command -v "$tool" >/dev/null || missing="$missing $tool"; done
     if [ -n "$missing" ]; then get_builders; fi
-    if [ "$(id -u)" != 0 ]; then require_namespaces; fi
+    if [ "$me" != 0 ]; then require_namespaces; fi
 }
 
 get_builders() {
-    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    if [ "$me" = 0 ] && command -v apt-get >/dev/null; then
         say "installing $wanted with apt-get"
         mkdir -p -- "$cache"
         if ! { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $wanted; } \

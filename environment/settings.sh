@@ -95,7 +95,7 @@ export_settings() {
     export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"
     # inside a container the kernel may refuse one process to read another's memory
     export OMPI_MCA_smsc="${OMPI_MCA_smsc:-^cma}"
-    if [ "$(id -u)" = 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi
+    if [ "$me" = 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi
     if [ -z "$dry_run$OPENBLAS_CORETYPE" ]; then OPENBLAS_CORETYPE=$(blas_kernels); fi
     if [ -n "$OPENBLAS_CORETYPE" ]; then export OPENBLAS_CORETYPE; else unset OPENBLAS_CORETYPE; fi
 }

@@ -19,7 +19,7 @@ asked_for_slurm_trial() {
 # Slurm's daemons start jobs as other users, which bwrap forbids; so a real chroot, with processes, mounts and a host name of
 # its own. /run is in memory, and everything the trial makes lies there.
 select_slurm_root() {
-    [ "$(id -u)" = 0 ] || fail "campaign slurm starts the daemons of a real Slurm and needs root: sudo $HEADSTOCK_COMMAND campaign slurm"
+    [ "$me" = 0 ] || fail "campaign slurm starts the daemons of a real Slurm and needs root: sudo $HEADSTOCK_COMMAND campaign slurm"
     [ -n "$dry_run" ] || unshare --mount --pid --uts --fork true 2>/dev/null || fail "campaign slurm needs mounts and processes of its own, \
 which this machine does not allow; start the container with --privileged"
     package_lists="$package_lists
@@ -32,6 +32,6 @@ $project/environment/slurm_packages.txt"
 
 # Killed at any time, the launcher takes unshare with it, unshare the first process inside, and that one all others and the mounts.
 enter_slurm_root() {
-    PATH=$inner_path "$(command -v setpriv)" --pdeathsig KILL unshare --mount --pid --uts --fork --kill-child --propagation private \
+    HEADSTOCK_VIEW=$cache/view PATH=$inner_path "$(command -v setpriv)" --pdeathsig KILL unshare --mount --pid --uts --fork --kill-child --propagation private \
         sh "$project/environment/chroot.sh" --chdir "$PWD" "$@"
 }

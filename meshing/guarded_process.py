@@ -5,6 +5,7 @@ space, processor time, wall-clock time and written files, and where the kernel g
 network, no other processes, and a file system of read-only binds and one scratch folder in memory.
 """
 
+import contextlib
 import ctypes
 import json
 import os
@@ -201,12 +202,7 @@ def isolate(readable: Sequence[str]) -> str | None:
         except OSError:
             continue  # whoever reads it says why
     try:
-        apart = os.CLONE_NEWNS | os.CLONE_NEWPID | os.CLONE_NEWNET | os.CLONE_NEWIPC | os.CLONE_NEWUTS
-        os.unshare(os.CLONE_NEWUSER | apart)
-        for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
-            Path("/proc/self", name).write_text(text)
-        # no further namespaces from inside: they are a way to parts of the kernel that an ordinary process cannot reach
-        Path("/proc/sys/user/max_user_namespaces").write_text("0")
+        _unshare(uid, gid)
         _continue_in_child(PR_SET_PDEATHSIG)
         _build_view(opened)
         _drop_capabilities()
@@ -217,6 +213,24 @@ def isolate(readable: Sequence[str]) -> str | None:
         for handle in opened.values():
             os.close(handle)
     return None
+
+
+def _unshare(uid: int, gid: int) -> None:
+    """Enter namespaces of its own; the next child is the first process of a process namespace."""
+    apart = os.CLONE_NEWNS | os.CLONE_NEWPID | os.CLONE_NEWNET | os.CLONE_NEWIPC | os.CLONE_NEWUTS
+    try:
+        os.unshare(os.CLONE_NEWUSER | apart)
+    except OSError:
+        if uid != 0:
+            raise
+        # root needs no user namespace, which the kernel refuses in a chroot
+        os.unshare(apart)
+        return
+    for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
+        Path("/proc/self", name).write_text(text)
+    # no further namespaces from inside: they are a way to parts of the kernel that an ordinary process cannot reach
+    with contextlib.suppress(OSError):
+        Path("/proc/sys/user/max_user_namespaces").write_text("0")
 
 
 def _at_most(kind: int, wanted: int) -> int:

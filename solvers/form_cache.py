@@ -2,8 +2,11 @@
 
 import contextlib
 import fcntl
+import grp
 import os
+import pwd
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,7 +36,7 @@ def compile_form(form: Any, comm: MPI.Comm) -> Any:
         The compiled dolfinx form.
 
     Raises:
-        CompileError: There is no C compiler, or no room for its files.
+        CompileError: There is no C compiler, no room for its files, or others may write where compiled code is kept.
     """
     folder = form_cache_folder()
     options = {
@@ -74,9 +77,49 @@ def clear_unfinished(folder: Path) -> None:
                 part.unlink(missing_ok=True)
 
 
+def require_private(folder: Path) -> None:
+    """Check that nobody but this account and root owns or may write a folder whose files are run, or a folder on the way to it.
+
+    Raises:
+        CompileError: Somebody else may; names the folder and what to do.
+    """
+    for path in (folder, *folder.absolute().parents, *folder.resolve().parents):
+        status = path.stat()
+        reason = None
+        if status.st_uid not in (os.geteuid(), 0) and not _looks_unmapped(status.st_uid):
+            reason = f"belongs to the account with number {status.st_uid}"
+        # a folder with the sticky bit, as /tmp, keeps what is ours
+        elif path != folder and status.st_mode & stat.S_ISVTX:
+            continue
+        elif status.st_mode & stat.S_IWOTH:
+            reason = "can be written by everybody"
+        elif status.st_mode & stat.S_IWGRP and not _is_own_group(status.st_gid):
+            reason = f"can be written by the group with number {status.st_gid}"
+        if reason:
+            raise CompileError(
+                f"{path} {reason}: compiled code in {folder} is not run; give it to this account and chmod go-w it, "
+                "or name another folder with XDG_CACHE_HOME"
+            )
+
+
+def _looks_unmapped(uid: int) -> bool:
+    """In a user namespace all accounts without a number of their own there, root among them, look like this one."""
+    whole = Path("/proc/self/uid_map").read_text().split()[-1] == str(2**32 - 1)
+    return not whole and uid == int(Path("/proc/sys/kernel/overflowuid").read_text())
+
+
+def _is_own_group(gid: int) -> bool:
+    """A group of the account's own name has no other members where accounts get one each."""
+    try:
+        return gid == os.getegid() and grp.getgrgid(gid).gr_name == pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return False
+
+
 @contextlib.contextmanager
 def _sole_compiler(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    require_private(folder)
     handle = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         # a file system without locks only loses the protection

@@ -349,3 +349,14 @@ def test_report_is_written_again_from_the_files_of_a_run(scene_file: Path, tmp_p
     assert main(["report", str(out)]) == 0
     assert (out / "report.html").read_text() == first
     assert main(["report", str(tmp_path / "nothing")]) == 1
+
+
+def test_without_home_the_libraries_get_the_one_of_the_account(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(RIGID_SCENE)
+    environment = {name: value for name, value in os.environ.items() if name != "HOME"}
+    code = "import sys; from headstock.app.command_line import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-P", "-c", code, "run", str(scene), "-o", str(tmp_path / "out")]
+    for home in ({}, {"HOME": ""}):
+        done = subprocess.run(command, env=environment | home, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, ""), done.stderr

@@ -62,7 +62,7 @@ class Host:
 
     def ordinary_user(self, *, subordinates: bool = True, namespaces: bool = True) -> None:
         """Run the launcher as somebody who is not root."""
-        self.write("id", "#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo 54321 ;; esac\n")
+        self.write("id", f"#!/bin/sh\ncase $1 in -un) echo somebody ;; *) echo {os.geteuid() or 54321} ;; esac\n")
         self.write("newuidmap", "#!/bin/sh\n")
         self.write("getsubids", f"#!/bin/sh\nexit {0 if subordinates else 1}\n")
         self.write("unshare", f"#!/bin/sh\nexit {0 if namespaces else 1}\n")
@@ -105,8 +105,12 @@ def dry(host: Host, *arguments: str, cwd: Path = ROOT, **more: str) -> list[str]
     return done.stdout.splitlines()
 
 
-def binds(words: list[str]) -> set[tuple[str, str]]:
-    return {(words[at + 1], words[at + 2]) for at, word in enumerate(words) if word == "--bind"}
+def binds(words: list[str], option: str = "--bind") -> set[tuple[str, str]]:
+    return {(words[at + 1], words[at + 2]) for at, word in enumerate(words) if word == option}
+
+
+def root_of(words: list[str]) -> str:
+    return next(source.removesuffix("/usr") for source, target in binds(words, "--ro-bind") if target == "/usr")
 
 
 # ---- the command that is run ----
@@ -120,31 +124,34 @@ def test_a_command_becomes_a_call_of_the_program_inside_the_root(host: Host) -> 
 
 
 def test_top_folders_of_the_host_keep_their_names_and_those_of_the_root_are_its_own(host: Host) -> None:
-    pairs = binds(dry(host, "doctor"))
-    assert {target for _, target in pairs} >= {"/", "/tmp"}
-    assert {target for _, target in pairs} & {"/usr", "/etc", "/bin", "/lib", "/var"} == set()
+    words = dry(host, "doctor")
+    assert "/tmp" in {target for _, target in binds(words)}
+    assert {target for _, target in binds(words)} & {"/", "/usr", "/etc", "/bin", "/lib", "/var", "/run"} == set()
+    assert {target for _, target in binds(words, "--ro-bind")} >= {"/usr", "/etc"}
+    closed = [words[at + 1] for at, word in enumerate(words) if word == "--remount-ro"]
+    assert set(closed) >= {"/", "/var", "/run"}
 
 
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["run", "x", "-o", "/var/opt/results/one"],
-        ["run", "/var/opt/a scene.toml"],
-        ["check", "x", "--json", "/var/opt/new folder/out.json"],
-        ["check", "x", "--json=/var/opt/out.json"],
-        ["run", "/var/local/../opt/scene.toml"],
+        ["run", "x", "-o", "/usr/local/src/results/one"],
+        ["run", "/usr/local/src/a scene.toml"],
+        ["check", "x", "--json", "/usr/local/src/new folder/out.json"],
+        ["check", "x", "--json=/usr/local/src/out.json"],
+        ["run", "/usr/local/etc/../src/scene.toml"],
     ],
 )
 def test_a_path_in_a_system_folder_is_bound_at_its_nearest_existing_parent(host: Host, arguments: list[str]) -> None:
-    if not Path("/var/opt").is_dir() or not Path("/var/local").is_dir():
-        pytest.skip("this system has no /var/opt")
-    assert ("/var/opt", "/var/opt") in binds(dry(host, *arguments))
+    if not Path("/usr/local/src").is_dir() or not Path("/usr/local/etc").is_dir():
+        pytest.skip("this system has no /usr/local/src")
+    assert ("/usr/local/src", "/usr/local/src") in binds(dry(host, *arguments))
 
 
 def test_a_relative_path_that_leaves_the_working_folder_is_bound_too(host: Host) -> None:
-    if not Path("/var/opt").is_dir() or not Path("/var/local").is_dir():
-        pytest.skip("this system has no /var/opt")
-    assert ("/var/opt", "/var/opt") in binds(dry(host, "run", "../opt/scene.toml", cwd=Path("/var/local")))
+    if not Path("/usr/local/src").is_dir() or not Path("/usr/local/etc").is_dir():
+        pytest.skip("this system has no /usr/local/src")
+    assert ("/usr/local/src", "/usr/local/src") in binds(dry(host, "run", "../src/scene.toml", cwd=Path("/usr/local/etc")))
 
 
 def test_the_working_folder_keeps_its_name_even_with_spaces(host: Host, tmp_path: Path) -> None:
@@ -172,10 +179,10 @@ def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
 def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(host: Host) -> None:
     host.write("id", "#!/bin/sh\necho 0\n")
     usual, words = dry(host, "campaign", "kill"), dry(host, "campaign", "slurm", "--runs", "1")
-    roots = [next(source for source, target in binds(found) if target == "/") for found in (usual, words)]
-    assert roots[0] != roots[1]
+    assert root_of(usual) != root_of(words)
     at = words.index("--proc")
     assert words[at : at + 6] == ["--proc", "/proc", "--tmpfs", "/run", "--hostname", "localhost"]
+    assert "/run" not in [words[at + 1] for at, word in enumerate(words) if word == "--remount-ro"]
     assert words[-4:] == ["campaign", "slurm", "--runs", "1"]
 
 
@@ -186,7 +193,7 @@ def test_options_may_stand_before_the_name_of_the_campaign(host: Host) -> None:
 
 
 def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(host: Host) -> None:
-    for tool, text in (("id", "echo 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
+    for tool, text in (("id", "echo 0"), ("stat", "exit 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
         host.write(tool, f"#!/bin/sh\n{text}\n")
     inner = host.environment(OPENBLAS_CORETYPE="Haswell")
     found = [run([ROOT / "headstock", "campaign", "slurm"], inner) for _ in range(2)]
@@ -363,6 +370,7 @@ def test_what_an_ordinary_user_lacks_is_said_with_its_remedy_before_anything_is_
 def test_root_installs_missing_tools_by_itself(host: Host) -> None:
     (host.bin / "mmdebstrap").unlink()
     host.write("id", "#!/bin/sh\necho 0\n")
+    host.write("stat", "#!/bin/sh\n")
     tool = MMDEBSTRAP.format(log=host.log, pid=host.pid, seconds=0, code=0)
     install = (
         f'#!/bin/sh\n[ "$1" = install ] || exit 0\ncat >"{host.bin}/mmdebstrap" <<"E"\n{tool}E\nchmod +x "{host.bin}/mmdebstrap"\n'
@@ -382,11 +390,218 @@ def test_where_no_view_can_be_made_the_remedy_is_said(host: Host) -> None:
     assert "--privileged" in done.stderr
 
 
+# ---- what is written where ----
+
+# lays out the view that the launcher asks of bwrap, in namespaces of its own
+VIEW = """#!{python} -P
+import ctypes, os, sys
+sys.path.insert(0, {packages!r})
+from headstock.meshing import guarded_process as guarded
+
+uid, gid, words, stage, folder = os.geteuid(), os.getegid(), sys.argv[1:], {stage!r}, "/"
+os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)
+for name, text in (("setgroups", "deny"), ("uid_map", f"{{uid}} {{uid}} 1"), ("gid_map", f"{{gid}} {{gid}} 1")):
+    open(f"/proc/self/{{name}}", "w").write(text)
+guarded._call("mount", None, b"/", None, guarded.MS_REC | guarded.MS_PRIVATE, None)
+guarded._call("mount", b"tmpfs", stage.encode(), b"tmpfs", 0, None)
+
+def close(target, flags):
+    wanted = (ctypes.c_uint64 * 4)(guarded.MOUNT_ATTR_RDONLY, 0, 0, 0)
+    guarded._syscall(guarded.SYS_MOUNT_SETATTR, guarded.AT_FDCWD, target.encode(), flags, wanted, ctypes.c_size_t(32))
+
+while words[0].startswith("--"):
+    option = words.pop(0)
+    if option == "--die-with-parent":
+        continue
+    first = words.pop(0)
+    if option in ("--bind", "--ro-bind", "--dev-bind"):
+        target = stage + words.pop(0)
+        if os.path.isdir(first):
+            os.makedirs(target, exist_ok=True)
+        elif not os.path.exists(target):
+            os.makedirs(os.path.dirname(target), exist_ok=True)
+            open(target, "w").close()
+        guarded._call("mount", first.encode(), target.encode(), None, guarded.MS_BIND | guarded.MS_REC, None)
+        if option == "--ro-bind":
+            close(target, guarded.AT_RECURSIVE)
+    elif option == "--symlink":
+        os.symlink(first, stage + words.pop(0))
+    elif option == "--tmpfs":
+        os.makedirs(stage + first, exist_ok=True)
+        guarded._call("mount", b"tmpfs", (stage + first).encode(), b"tmpfs", 0, None)
+    elif option == "--remount-ro":
+        close((stage + first).rstrip("/"), 0)
+    else:
+        assert option == "--chdir", option
+        folder = first
+os.chroot(stage)
+os.chdir(folder)
+os.execvp(words[0], words)
+"""
+
+
+@pytest.fixture
+def entered(host: Host, tmp_path: Path) -> Host:
+    """A host whose root has a shell, entered for real."""
+    unshared = subprocess.run(
+        [sys.executable, "-c", "import os; os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)"], capture_output=True
+    )
+    if unshared.returncode:
+        pytest.skip("no namespaces here")
+    (tmp_path / "stage").mkdir()
+    packages = str(ROOT / ".typing")
+    host.write("bwrap", VIEW.format(python=sys.executable, packages=packages, stage=str(tmp_path / "stage")))
+    done = run([ROOT / "headstock", "exec", "true"], host.environment(HEADSTOCK_ENTER="bwrap"))
+    (root,) = (host.cache / "headstock").glob("root-*")
+    for program in ("sh", "mkdir"):
+        path = shutil.which(program)
+        assert path, done
+        linked = subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
+        for file in (path, *(word for word in linked.split() if word.startswith("/"))):
+            target = root / "usr" / ("bin" if file == path else "lib")
+            target.mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, target)
+    for name, target in (("bin", "usr/bin"), ("lib", "usr/lib"), ("lib64", "usr/lib")):
+        (root / name).symlink_to(target)
+    for stamp in (host.cache / "headstock").glob("stamp-*"):
+        stamp.unlink()
+    return host
+
+
+def write_inside(host: Host, path: str, cwd: Path, *, word: str = "{}", **more: str) -> "subprocess.CompletedProcess[str]":
+    """Write a file ``path`` from inside, the launcher having seen ``path`` as part of a word."""
+    script = 'mkdir -p "${0%/*}" && echo inside >"$0"'
+    environment = host.environment(HEADSTOCK_ENTER="bwrap", LD_LIBRARY_PATH="/usr/lib", **more)
+    return run([ROOT / "headstock", "exec", "sh", "-c", script, path, word.format(path)], environment, cwd)
+
+
+@pytest.mark.parametrize(
+    ("given", "lies"),
+    [
+        ("{outside}/results/new/x", "{outside}/results/new/x"),
+        ("results/x", "{outside}/work/results/x"),
+        ("../beside/x", "{outside}/beside/x"),
+        ("{outside}/link/x", "{outside}/work/x"),
+        ("{outside}/link/../x", "{outside}/x"),
+        ("~/x", "{outside}/work/~/x"),
+        ("{outside}/two words/x", "{outside}/two words/x"),
+    ],
+)
+def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path, given: str, lies: str) -> None:
+    outside = tmp_path / "outside"
+    (outside / "work").mkdir(parents=True)
+    (outside / "link").symlink_to("work")
+    done = write_inside(entered, given.format(outside=outside), outside / "work")
+    assert done.returncode == 0, done.stderr
+    assert Path(lies.format(outside=outside)).read_text() == "inside\n"
+
+
+@pytest.mark.parametrize("folder", ["/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"])
+def test_what_would_be_lost_is_refused(entered: Host, tmp_path: Path, folder: str) -> None:
+    (root,) = (entered.cache / "headstock").glob("root-*")
+    before = sorted(root.rglob("*"))
+    done = write_inside(entered, f"{folder}/lost/x", tmp_path)
+    assert done.returncode == 2 or done.returncode == 1
+    assert "Read-only file system" in done.stderr or "Directory nonexistent" in done.stderr
+    assert sorted(root.rglob("*")) == before
+    assert not Path(folder, "lost").exists()
+
+
+def test_what_is_written_for_longer_than_a_boot_is_the_hosts(entered: Host, tmp_path: Path) -> None:
+    folder = Path("/var/tmp", f"headstock-{os.getpid()}")
+    done = write_inside(entered, f"{folder}/x", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "x").read_text() == "inside\n"
+    shutil.rmtree(folder)
+
+
+def test_a_root_that_changed_after_it_was_built_is_not_entered(host: Host) -> None:
+    assert run([ROOT / "headstock", "exec", "true"], host.environment()).returncode == 0
+    assert run([ROOT / "headstock", "exec", "true"], host.environment()).returncode == 0
+    (root,) = (host.cache / "headstock").glob("root-*")
+    os.utime(root / "usr" / "bin", (1, 1))
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"{root} is no longer what was built (usr/bin): remove that folder" in done.stderr
+
+
+# ---- what is believed ----
+
+
+@pytest.mark.parametrize("place", ["", "headstock", "headstock/entrance", "headstock/root-planted", "headstock/blas-planted"])
+def test_nothing_that_others_may_write_is_used(host: Host, place: str) -> None:
+    target = host.cache / place
+    if Path(place).suffix or "root" in place:
+        target.mkdir(parents=True)
+    elif place.count("/"):
+        target.parent.mkdir(parents=True)
+        target.write_text("planted")
+    else:
+        target.mkdir(parents=True)
+    target.chmod(0o777)
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert (done.returncode, done.stdout) == (1, "")
+    assert f"{target} can be written by everybody: nothing in {host.cache}/headstock is used" in done.stderr
+    assert "XDG_CACHE_HOME=/path" in done.stderr
+    assert host.builds() == 0
+
+
+def test_a_link_in_a_folder_that_others_may_write_is_not_followed(host: Host, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    (tmp_path / "open" / "cache").symlink_to(tmp_path / "mine")
+    done = run([ROOT / "headstock", "exec", "true"], host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")))
+    assert f"{tmp_path}/open can be written by everybody" in done.stderr
+    # as the shared temporary folder, which keeps what is ours
+    (tmp_path / "open").chmod(0o1777)
+    done = run([ROOT / "headstock", "exec", "true"], host.environment(XDG_CACHE_HOME=str(tmp_path / "open" / "cache")))
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_others_own_is_named_and_groups_of_one_member_are_not(host: Host) -> None:
+    lines = "1000 700 a /kept\n1001 700 a /alien\n1000 775 a /own\n1000 770 b /group\n0 755 root /root\n1000 1777 a /sticky\n"
+    way = "0 0 0 //\n0 1777 root /tmp\n1001 755 a /theirs\n0 777 root /open\n"
+    script = f". {str(ROOT / 'environment/cache_folder.sh')!r}\nunmapped() {{ return 1; }}\nme=1000\nforeign_paths"
+    host.write("id", "#!/bin/sh\necho a\n")
+    done = subprocess.run(["/bin/sh", "-c", script], env=host.environment(), input=lines + way, capture_output=True, text=True)
+    assert done.stdout.splitlines() == [
+        "/alien belongs to the account with number 1001",
+        "/group can be written by the group b",
+        "/sticky can be written by everybody",
+        "/theirs belongs to the account with number 1001",
+        "/open can be written by everybody",
+    ]
+
+
+def test_without_home_the_folder_of_the_account_is_taken_and_never_a_shared_one(host: Host, tmp_path: Path) -> None:
+    home = tmp_path / "home of the account"
+    environment = {name: value for name, value in host.environment().items() if name not in {"HOME", "XDG_CACHE_HOME"}}
+    host.write("getent", f'#!/bin/sh\n[ "$1 $2" = "passwd {os.geteuid()}" ] && echo "a:x:1:1:A:{home}:/bin/sh"\n')
+    for unset in ({}, {"HOME": ""}):
+        done = run([ROOT / "headstock", "exec", "true"], environment | unset)
+        assert done.returncode == 0, done.stderr
+    assert [path.name for path in (home / ".cache" / "headstock").glob("root-*.*")] == []
+    assert len(list((home / ".cache" / "headstock").glob("root-*"))) == 1
+
+
+def test_an_account_without_a_home_is_told_to_name_a_folder(host: Host) -> None:
+    environment = {name: value for name, value in host.environment().items() if name not in {"HOME", "XDG_CACHE_HOME"}}
+    for tool in ("getent", "grep"):
+        host.write(tool, "#!/bin/sh\nexit 2\n")
+    done = run([ROOT / "headstock", "exec", "true"], environment)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "HOME is not set and this account has no home folder: name a folder of your own with XDG_CACHE_HOME=/path" in done.stderr
+    assert run([ROOT / "headstock", "exec", "true"], environment | {"XDG_CACHE_HOME": str(host.cache)}).returncode == 0
+
+
 # ---- choosing a Python ----
 
 
 def sourced(script: str, environment: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
-    setting = f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run=\nsay() {{ echo "$*" >&2; }}\n'
+    setting = (
+        f'set -eu; project={str(ROOT)!r} cache="$XDG_CACHE_HOME/headstock" dry_run= me={os.geteuid()}\nsay() {{ echo "$*" >&2; }}\n'
+    )
     parts = "".join(f". {str(ROOT / 'environment' / name)!r}\n" for name in ("find_python.sh", "build_root.sh", "settings.sh"))
     return run(["/bin/sh", "-c", setting + parts + script], environment)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.solvers.form_cache import clear_unfinished, form_cache_folder
+from headstock.solvers.errors import CompileError
+from headstock.solvers.form_cache import clear_unfinished, form_cache_folder, require_private
 
 COMPILE = """
 import basix.ufl, dolfinx, ufl
@@ -70,3 +71,28 @@ def test_a_compiler_that_fails_is_a_named_error_with_the_room_there_is(
     assert "MB free" in done.stderr
     monkeypatch.delenv("CC")
     assert compile_in(tmp_path).stdout == "compiled\n"
+
+
+def test_compiled_code_is_not_run_where_others_may_write_it(folder: Path, tmp_path: Path) -> None:
+    folder.mkdir(parents=True, mode=0o700)
+    require_private(folder)
+    for place, mode in ((folder, 0o777), (folder, 0o1777), (tmp_path / "cache", 0o777)):
+        before = place.stat().st_mode & 0o7777
+        place.chmod(mode)
+        with pytest.raises(CompileError, match=f"{place} can be written by everybody: compiled code in {folder} is not run"):
+            require_private(folder)
+        done = compile_in(tmp_path)
+        assert "CompileError" in done.stderr
+        place.chmod(before)
+    # as the shared temporary folder
+    (tmp_path / "cache").chmod(0o1777)
+    require_private(folder)
+
+
+def test_a_link_from_where_others_may_write_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open" / "link").symlink_to(tmp_path / "mine")
+    (tmp_path / "open").chmod(0o777)
+    with pytest.raises(CompileError, match="open can be written by everybody"):
+        require_private(tmp_path / "open" / "link")
