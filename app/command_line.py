@@ -38,7 +38,7 @@ COMMANDS = (
 )
 
 # help is plain text here, and typer would escape its brackets for rich all the same
-typer.core.rich = None  # type: ignore[assignment]
+typer.core.rich = None  # type: ignore[assignment, attr-defined]
 app = typer.Typer(name=PROGRAM, help=PROGRAM_HELP, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 for command in COMMANDS:
     app.command()(command)

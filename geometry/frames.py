@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 ORTHONORMALITY_TOLERANCE = 1e-9
 DOF_NAMES = ("x", "y", "z", "rx", "ry", "rz")

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.components import Component, Interface, Support
-from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
+from headstock.geometry.frames import DOF_NAMES, BoolArray, FloatArray, Frame
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.rail_fits import RailFit, fit_rail
 from headstock.reduction.rails import RailStation
 from headstock.reduction.superelement import Attachment
 from headstock.solvers.errors import ModelError
-from headstock.solvers.factorization import BoolArray
 
 MINIMUM_FACETS = 4
 DEPENDENCE_TOLERANCE = 1e-10

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import turn_dofs
-from headstock.solvers.factorization import BoolArray
 from headstock.solvers.modal_analysis import ModalResult
 
 # share of a mode's energy in modal dofs whose mesh error nobody knows (imported parts): beyond it the mode has no estimate

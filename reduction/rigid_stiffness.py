@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
 from headstock.solvers.errors import AccuracyError
-from headstock.solvers.factorization import BoolArray
 
 RIGID_FORCE_LIMIT = 1e-9
 HELD_LIMIT = 1e-9

@@ -6,10 +6,10 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.errors import ConvergenceError, ModelError
-from headstock.solvers.factorization import BoolArray, Factorization
+from headstock.solvers.factorization import Factorization
 from headstock.solvers.rank_sums import max_over_ranks, sum_over_ranks
 
 RIGID_TOLERANCE = 1e-9

@@ -94,7 +94,7 @@ class DamperSum:
             own = np.flatnonzero(near[line])
             local = factors[own]
             forces = np.linalg.solve(coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]]))
-            matrix = np.diag(dynamic[line, own]) + local @ forces[:, : len(own)]
+            matrix = np.asarray(np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex)
             loads = self.loads[own] - local @ forces[:, len(own) :]
             rows = self.rows[:, own] - pushed[line] @ forces[:, : len(own)]
             found[line] += self._solve_near(matrix, rows, loads, float(square[line, 0]))

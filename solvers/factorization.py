@@ -11,12 +11,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.nested_dissection import dissect_nodes
-
-BoolArray = NDArray[np.bool_]
 
 # MUMPS: 60 % more workspace than estimated avoids a second try
 MUMPS_OPTIONS = {"mat_mumps_icntl_14": 60, "mat_mumps_icntl_24": 0}

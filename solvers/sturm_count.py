@@ -4,10 +4,10 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.errors import AccuracyError, ConvergenceError
-from headstock.solvers.factorization import MUMPS_OPTIONS, BoolArray, free_block, ordering_option
+from headstock.solvers.factorization import MUMPS_OPTIONS, free_block, ordering_option
 from headstock.solvers.rank_sums import sum_over_ranks
 
 # null pivots are looked for (24), and the inertia needs no scaling tricks: a pivot that vanishes means the shift is a frequency

@@ -7,14 +7,13 @@ import scipy.sparse.linalg
 import scipy.stats
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.reduction_requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.block_lanczos import ModeTarget
-from headstock.solvers.factorization import BoolArray
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.validation.case_rows import Target, ValidationRow, judge, judge_bound, show
 from headstock.validation.estimate_machines import SPECIMENS, Specimen, cast_column, keep_fewer, unreduced

@@ -7,13 +7,12 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.components import Support
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.materials import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.solvers.block_lanczos import ModeTarget, lowest_eigenpairs
 from headstock.solvers.constrained_solver import ConstrainedSolver, rigid_motions
 from headstock.solvers.elasticity import ElasticOperators, assemble_elasticity
-from headstock.solvers.factorization import BoolArray
 from headstock.solvers.rank_sums import sum_over_ranks
 
 _BLOCK = 6
