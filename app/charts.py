@@ -1,8 +1,11 @@
 """Charts as images: compliance budgets and natural frequencies, by matplotlib."""
 
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -17,6 +20,8 @@ DPI = 130
 BARS_SHOWN = 8
 JOINT_COLOR = "#94a3b8"
 INK, FAINT = "#1f2937", "#cbd5e1"
+LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
+DASHES = ("-", "--", ":", "-.")
 
 
 def draw_charts(summary: Json, colors: dict[str, str]) -> dict[str, NDArray[np.uint8]]:
@@ -60,6 +65,24 @@ def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
     axes.set_xlabel("natural frequency [Hz]", fontsize=9, color=INK)
     calm_axes(axes)
     return read_pixels(figure)
+
+
+def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and a figure as much higher."""
+    if not labels:
+        return
+    wide, high = figure.get_size_inches()
+    shown = ["\n".join(textwrap.wrap(label, max(20, int(wide / LETTER_INCHES) - 8))) for label in labels]
+    longest = max(len(line) for label in shown for line in label.split("\n"))
+    columns = max(1, min(6, len(shown), int(wide / (LETTER_INCHES * longest + HANDLE_INCHES))))
+    rows = -(-len(shown) // columns) * max(label.count("\n") + 1 for label in shown)
+    figure.set_size_inches(wide, high + LINE_INCHES * rows)
+    figure.legend(handles, shown, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+
+
+def line_style(number: int, colors: Sequence[str]) -> dict[str, Any]:
+    """Colour and dashes of the line of this number: dashes change where colours begin again."""
+    return {"color": colors[number % len(colors)], "linestyle": DASHES[(number // len(colors)) % len(DASHES)]}
 
 
 def calm_axes(axes: Axes) -> None:

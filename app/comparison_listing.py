@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.console import make_console, make_table, print_table, spaced
+from headstock.app.error_texts import show_digits
 from headstock.app.summary_tables import PlainTable, encode_csv
 from headstock.pipeline.json_texts import Json
 from headstock.reduction.mode_naming import WHOLE_MACHINE
@@ -169,10 +170,12 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
         cells = []
         for name in variants:
             value, first = _entry(summary, name, point, j, j), _entry(summary, summary["reference"], point, j, j)
-            cells.append(MISSING if value is None else f"{value:#.4g}{_percent(value, first)}")
+            cells.append(MISSING if value is None else f"{show_digits(value, 4)}{_percent(value, first)}")
         _add_cells(table, f"d{direction}/F{direction}", cells)
     for direction in DIRECTIONS:
         links = [(variant["static"].get(point) or {}).get("weak_link", {}).get(direction) for variant in variants.values()]
+        if not any(links):
+            continue
         _add_cells(
             table,
             f"weak link {direction}",
@@ -183,7 +186,7 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
 def _mode_cell(cell: Json | None) -> str:
     if cell is None:
         return MISSING
-    shown = f"{cell['frequency_hz']:#.4g}" if cell["frequency_hz"] < 1000.0 else f"{cell['frequency_hz']:.0f}"
+    shown = show_digits(cell["frequency_hz"], 4)
     if cell["mac"] is None:
         return shown
     deviation = "" if cell["deviation"] is None else f"{100 * cell['deviation']:+.1f} %  "

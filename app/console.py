@@ -21,6 +21,7 @@ from headstock.app.error_texts import (
     show_compliances,
     show_damped,
     show_damping,
+    show_digits,
     show_span,
 )
 from headstock.geometry.machines import show_position
@@ -99,7 +100,7 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
-        print_table(console, f"Frequency response in pose {pose} [µm/kN, N/µm, Hz]", _response_table(response["ports"]))
+        print_table(console, f"Frequency response in pose {pose}", _response_table(response["ports"]))
         print_response_error(console, response)
     if "path" in summary:
         print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
@@ -332,12 +333,14 @@ def _probe_table(probes: Json) -> Table:
 
 
 def _response_table(ports: Sequence[Json]) -> Table:
-    table = make_table("force at", ">static", ">worst Re", ">at Hz", ">-1/(2 Re)", ">softest", ">at Hz", "near mode")
+    table = make_table(
+        "force at", ">static µm/kN", ">worst Re µm/kN", ">at Hz", ">-1/(2 Re) N/µm", ">softest N/µm", ">at Hz", "near mode"
+    )
     keys = ("worst_real_um_per_kN", "worst_real_hz", "chatter_stiffness_N_per_um", "softest_N_per_um", "softest_hz")
     for port in ports:
         if "static_um_per_kN" in port:
-            numbers = ["free" if port["static_um_per_kN"] is None else f"{port['static_um_per_kN']:.4g}"]
-            numbers += ["-" if port[key] is None else f"{port[key]:.4g}" for key in keys]
+            numbers = ["free" if port["static_um_per_kN"] is None else show_digits(port["static_um_per_kN"], 4)]
+            numbers += ["-" if port[key] is None else show_digits(port[key], 4) for key in keys]
             error = port.get("worst_real_error_um_per_kN")
             if error is not None and port[keys[0]] is not None:
                 numbers[1] = f"{show_bounded(port[keys[0]], error)} {show_bound(port[keys[0]], error)}"

@@ -38,6 +38,12 @@ def show_bounded(value: float, error: float | None = None) -> str:
     return "0" if last is None else _write(Decimal(repr(float(value))).quantize(last, rounding=ROUND_HALF_EVEN))
 
 
+def show_digits(value: float, digits: int) -> str:
+    """A number to so many significant digits, with their zeros and without a bare point: ``99.50``, ``1010``."""
+    exact = Decimal(repr(float(value)))
+    return _write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1))) if exact else "0"
+
+
 def show_size(error: float | None) -> str:
     """An error by itself, rounded as behind ±."""
     size = _round(0.0, error).size
@@ -72,8 +78,7 @@ def show_damping(ratio: float | None) -> str:
     """A damping ratio in per cent, to three digits."""
     if ratio is None:
         return "-"
-    exact = Decimal(repr(100.0 * float(ratio)))
-    return f"{_write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 2)) if exact else exact)} %"
+    return f"{show_digits(100.0 * ratio, 3)} %"
 
 
 @dataclass(frozen=True)

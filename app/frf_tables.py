@@ -1,6 +1,7 @@
 """Frequency responses as plain rows, and the units in which they are shown."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from headstock.solvers.system_ports import name_port
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
 DECADES_SHOWN = 5.0
+LEAST_TICKS = 3
 RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 
 
@@ -37,10 +39,29 @@ def magnitude_range(size: FloatArray) -> tuple[float, float]:
     return float(max(known.min() / 1.5, known.max() / 10.0**DECADES_SHOWN)), float(2.0 * known.max())
 
 
+def round_ticks(low: float, high: float) -> list[float]:
+    """Round numbers on a logarithmic axis: decades; where they are few, also their doubles and fives, or every whole multiple."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    found: list[float] = []
+    for factors in ((1,), (1, 2, 5), range(1, 10)):
+        found = [factor * 10.0**power for power in powers for factor in factors if low <= factor * 10.0**power <= high]
+        if len(found) >= LEAST_TICKS:
+            break
+    return found
+
+
 def broken_phase(values: ComplexArray) -> FloatArray:
     """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that is not so."""
     phase = np.degrees(np.angle(values))
     return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180.0, np.nan, phase)
+
+
+def overlaid_responses(responses: Mapping[str, ResponseCurves]) -> list[ResponseCurves]:
+    """The responses of all poses, where there are several and they are of the same entries; else none."""
+    found = [responses[pose] for pose in sorted(responses)]  # the order in which files hold them
+    first = found[0] if found else None
+    same = all((one.inputs, one.outputs, one.motion) == (first.inputs, first.outputs, first.motion) for one in found if first)
+    return found if len(found) > 1 and same else []
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:

@@ -24,12 +24,12 @@ from headstock.app.error_texts import (
     show_damping,
     show_size,
 )
-from headstock.app.frf_tables import tabulate_response
+from headstock.app.frf_tables import overlaid_responses, tabulate_response
 from headstock.app.path_tables import path_stem
 from headstock.app.report_charts import draw_budget, draw_frequencies, draw_stack, percent
 from headstock.app.report_contour import draw_contour
 from headstock.app.report_control import draw_poles
-from headstock.app.report_frf import draw_response, has_more_fields
+from headstock.app.report_frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report_map import draw_map, map_layers
 from headstock.app.report_notes import judge_numbers
 from headstock.app.report_path import draw_path
@@ -251,6 +251,7 @@ def report_environment() -> jinja2.Environment:
     environment.filters |= filters
     drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
     drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
+    drawing |= {"draw_overlay": draw_overlay, "overlaid_responses": overlaid_responses}
     drawing |= {
         "draw_map": draw_map,
         "map_layers": map_layers,

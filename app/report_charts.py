@@ -8,6 +8,7 @@ from headstock.app.console import sort_shares
 from headstock.pipeline.json_texts import Json
 
 SHOWN_SHARE = 0.005
+SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign
 BARS_SHOWN = 10
 JOINT_COLOR = "#94a3b8"
 BAR_WIDTH, BAR_STEP = 340, 27
@@ -73,6 +74,7 @@ def draw_stack(shares: Mapping[str, float], colors: Mapping[str, str]) -> Markup
 
 def percent(share: float) -> str:
     """A share in per cent to three digits."""
+    share = 0.0 if abs(share) < SMALLEST_PERCENT else share
     return f"{100 * share:.1f} %" if abs(share) < 0.9995 else f"{100 * share:.0f} %"
 
 

@@ -1,21 +1,27 @@
 """Frequency responses in the report: a grid of Bode plots as SVG, and what its cursor reads."""
 
+import dataclasses
+import itertools
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit
+from headstock.app.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit, round_ticks
 from headstock.app.viewer_data import script_json
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.frf_results import ResponseCurves
+from headstock.pipeline.machine_views import COLORS
 
 PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720
 LEFT, RIGHT, TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT, FOOT = 46, 24, 22, 130, 10, 44, 24
 CURVE, DIRECT = "#4f7cac", "#b5566e"
 DIGITS = 4
+LEAST_PLAIN, MOST_PLAIN = 0.001, 10_000.0  # decades outside are written as powers
+LEGEND_STEP = 16.0
 LINE = '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
 TEXT = '<text x="{}" y="{}" font-size="10.5" text-anchor="{}" fill="currentColor" opacity="0.75">{}</text>'
 BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
@@ -60,6 +66,33 @@ def draw_response(curves: ResponseCurves, identity: str) -> Markup:
     return picture + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
 
 
+def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
+    """The Bode plots of several poses over each other, a colour for each."""
+    layouts = [_lay_out(curves)[0] for curves in responses]
+    columns = _lay_out(responses[0])[1]
+    widest = dataclasses.replace(
+        responses[0],
+        frequencies_hz=np.array([min(c.frequencies_hz[0] for c in responses), max(c.frequencies_hz[-1] for c in responses)]),
+    )
+    parts = []
+    for place, frame in enumerate(layouts[0]):
+        same = [layout[place] for layout in layouts]
+        low, high = min(cell.low for cell in same), max(cell.high for cell in same)
+        parts.append(_draw_frame(widest, dataclasses.replace(frame, low=low, high=high)))
+        for curves, cell, color in zip(responses, same, itertools.cycle(COLORS), strict=False):
+            own = dataclasses.replace(cell, low=low, high=high, color=color)
+            parts.append(_draw_curves(own, _places(widest, own, curves.frequencies_hz)))
+    width, height = columns * layouts[0][0].width, _cell_height() * (len(layouts[0]) // columns)
+    for number, (curves, color) in enumerate(zip(responses, itertools.cycle(COLORS), strict=False)):
+        y = height + LEGEND_STEP * number + 12.0
+        parts.append(Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(LEFT, y - 5.0, color))
+        parts.append(_text(LEFT + 24, y, "start", f"pose {curves.pose}"))
+    height += LEGEND_STEP * len(responses) + 6.0
+    return Markup(
+        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
+    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join(parts))
+
+
 def has_more_fields(curves: ResponseCurves) -> bool:
     """Whether some entries are not drawn."""
     return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
@@ -96,14 +129,24 @@ def _places(curves: ResponseCurves, cell: _Cell, frequencies: FloatArray) -> Flo
 
 
 def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
+    along = _places(curves, cell, curves.frequencies_hz)
+    return _draw_frame(curves, cell) + _draw_band(cell, along) + _draw_curves(cell, along)
+
+
+def _draw_curves(cell: _Cell, along: FloatArray) -> Markup:
+    size = Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color)
+    return size + Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color)
+
+
+def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
     left, top = cell.corner[0] + LEFT, cell.corner[1] + TITLE
     right, middle = cell.corner[0] + cell.width - RIGHT, top + SIZE_HEIGHT
     low = middle + GAP + PHASE_HEIGHT
     heading = Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>')
     parts = [heading.format(left, top - 8, f"{cell.title}  [{cell.unit}]")]
-    for power in _decades(cell):
-        y = float(cell.size_level(np.array(10.0**power)))
-        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", f"10{_raised(power)}")]
+    for value in round_ticks(cell.low, cell.high):
+        y = float(cell.size_level(np.array(value)))
+        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", _name_tick(value))]
     for angle, label in ((180.0, "180°"), (0.0, "0°"), (-180.0, "−180°")):
         y = float(cell.phase_level(np.array(angle)))
         parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", label)]
@@ -112,10 +155,6 @@ def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
         x = float(_places(curves, cell, np.array(frequency)))
         parts += [Markup(LINE).format(f"{x:.1f}", f"{top:.1f}", f"{x:.1f}", f"{low:.1f}", 0.13)]
         parts.append(_text(x, low + 13, "middle", f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"))
-    along = _places(curves, cell, curves.frequencies_hz)
-    parts.append(_draw_band(cell, along))
-    parts.append(Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color))
-    parts.append(Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color))
     return Markup("").join(parts)
 
 
@@ -150,15 +189,18 @@ def _path(x: FloatArray, y: FloatArray, known: np.ndarray) -> str:  # type: igno
     return "".join(words)
 
 
-def _decades(cell: _Cell) -> list[int]:
-    return list(range(math.ceil(math.log10(cell.low)), math.floor(math.log10(cell.high)) + 1))
+def _name_tick(value: float) -> str:
+    power = round(math.log10(value))
+    if math.isclose(value, 10.0**power, rel_tol=1e-9) and not LEAST_PLAIN <= value <= MOST_PLAIN:
+        return f"10{_raised(power)}"
+    return f"{value:g}"
 
 
 def _ticks(curves: ResponseCurves) -> list[float]:
-    """Round frequencies: decades on a logarithmic axis, else five or so steps of 1, 2 or 5."""
+    """Round frequencies: of a logarithmic axis, else five or so steps of 1, 2 or 5."""
     low, high = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
     if curves.spacing == "log":
-        return [10.0**power for power in range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)]
+        return round_ticks(low, high)
     rough = (high - low) / 5.0
     unit = 10.0 ** math.floor(math.log10(rough))
     step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)

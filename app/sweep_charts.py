@@ -4,13 +4,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from headstock.app.charts import DPI, INK, calm_axes, read_pixels
+from headstock.app.charts import DPI, INK, calm_axes, line_style, read_pixels
 from headstock.app.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import SCENE_UNITS
 from headstock.pipeline.json_texts import Json
+from headstock.pipeline.machine_views import COLORS
 
 PER_ROW = 3
+MANY = 60  # poses that need no markers
+LEGEND_LINES = 20  # beside a chart
 
 
 def draw_sweep(summary: Json) -> dict[str, NDArray[np.uint8]]:
@@ -53,6 +56,7 @@ def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> ND
         mesh = frame.pcolormesh(spans[0][0], spans[1][0], middle_plane(summary, quantity.values, axes).T, shading="nearest")
         bar = figure.colorbar(mesh, ax=frame)
         bar.ax.tick_params(labelsize=7)
+        bar.ax.ticklabel_format(axis="y", useOffset=False)  # the numbers themselves, no "+1.108" in a corner
         frame.set_title(f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}", fontsize=9, color=INK, loc="left")
         frame.set_xlabel(spans[0][1], fontsize=8)
         frame.set_ylabel(spans[1][1], fontsize=8)
@@ -66,10 +70,14 @@ def _draw_curves(summary: Json, quantities: list[Quantity]) -> NDArray[np.uint8]
     figure = Figure(figsize=(10.0, 0.4 + 3.6 * len(units)), dpi=DPI, layout="constrained")
     for number, unit in enumerate(units, start=1):
         frame = figure.add_subplot(len(units), 1, number)
-        for quantity in quantities:
-            if quantity.unit == unit:
-                frame.plot(places, quantity.values, marker="." if len(places) < 60 else "", linewidth=1.4, label=quantity.title)
-        frame.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        own = [quantity for quantity in quantities if quantity.unit == unit]
+        marker = "." if len(places) < MANY else ""
+        for place, quantity in enumerate(own):
+            style = line_style(place, COLORS)
+            frame.plot(places, quantity.values, marker=marker, linewidth=1.4, label=quantity.title, **style)
+        columns = -(-len(own) // LEGEND_LINES)
+        frame.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, ncols=columns)
+        frame.ticklabel_format(axis="y", useOffset=False)
         frame.set_xlabel(label, fontsize=9, color=INK)
         frame.set_ylabel(f"[{unit}]" if unit else "", fontsize=9, color=INK)
         calm_axes(frame)

@@ -59,7 +59,7 @@ def _describe_poses(total: int, computed: int) -> str:
 
 
 def _mode_table(summary: Json, results: SweepResults) -> Table:
-    table = make_table(">no.", ">lowest", "at", ">highest", "at", ">least MAC", "mode")
+    table = make_table(">no.", ">lowest", "<at", ">highest", "<at", ">poses", ">least MAC", "mode")
     for number in range(results.frequencies_hz.shape[1]):
         values = results.frequencies_hz[:, number]
         least = np.nanmin(results.tracked.correlation[:, number]) if results.tracked is not None else np.nan
@@ -75,7 +75,7 @@ def _mode_table(summary: Json, results: SweepResults) -> Table:
 
 
 def _point_table(point: Json, results: SweepResults) -> Table:
-    table = make_table("", ">lowest", "at", ">highest", "at")
+    table = make_table("", ">lowest", "<at", ">highest", "<at")
     matrix = np.array(point["compliance_um_per_kN"], dtype=float)
     rows = {direction: matrix[:, place, place] for place, direction in enumerate("xyz")}
     rows["largest"] = np.array(point["largest_um_per_kN"], dtype=float)
