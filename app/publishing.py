@@ -19,9 +19,10 @@ from headstock.pipeline.outputs import OutputError, replace_outputs
 from headstock.pipeline.path_results import PathCurves
 from headstock.pipeline.result_files import SUMMARY_FILE
 from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.volume_files import VOLUME_FOLDER
 
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
-PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER)
+PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 
 def publish_run(

@@ -40,6 +40,7 @@ class RunRequest:
     json_file: Path | None
     figures: bool = True
     accuracy: str | None = None
+    volume: bool = False
 
 
 def run_request(request: RunRequest, comm: MPI.Comm) -> int:
@@ -61,7 +62,7 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
         make_on_root(comm, lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), PARTS)))
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
-        results = _run_with_progress(scene, output, comm)
+        results = _run_with_progress(scene, output, comm, volume=request.volume)
         if comm.rank == 0:
             summary = summarise(results)
             curves = [response.curves for response in results.responses]
@@ -101,10 +102,10 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
     return keep_analyses(scene, names) if names else scene
 
 
-def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm) -> Results:
+def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool) -> Results:
     """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
     if comm.rank > 0:
-        return run_scene(scene, output, comm=comm)
+        return run_scene(scene, output, comm=comm, volume=volume)
     with show_progress() as progress:
 
         def announce(stage: Stage) -> None:
@@ -118,7 +119,7 @@ def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm) -> Results:
 
         if any(isinstance(part.solid, StepFile | MeshFile) for part in scene.machine.components.values()):
             progress.begin("plan    from the parts' files")
-        return run_scene(scene, output, comm=comm, observer=observe, announce=announce)
+        return run_scene(scene, output, comm=comm, observer=observe, announce=announce, volume=volume)
 
 
 def _load(request: RunRequest) -> Scene:

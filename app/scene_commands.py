@@ -66,6 +66,9 @@ def run(
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second.")
     ] = False,
+    volume: Annotated[
+        bool, typer.Option("--volume", help="Write volume meshes with modes, static responses and stresses, too (volume/*.vtu).")
+    ] = False,
     accuracy: Annotated[
         str | None,
         typer.Option("--accuracy", metavar="SHARE", help="Choose meshes and modes so that no number is off by more, such as 1%."),
@@ -79,7 +82,7 @@ def run(
         from headstock.app.running import RunRequest, run_request
 
         request = RunRequest(
-            scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures, accuracy
+            scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures, accuracy, volume
         )
         return run_request(request, comm)
 

@@ -151,6 +151,12 @@ def _file_skin(state: RunState, component: Component) -> Skin | None:
     return skin
 
 
+def stored_mesh(state: RunState, component: Component) -> ComponentMesh | None:
+    """The mesh of a component from the store; None where it is not there."""
+    key = mesh_key(component, component_supports(state, component), component_loads(state, component))
+    return read_entry(state.store, key, ComponentMesh).value
+
+
 def _load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:
     supports, loads = component_supports(state, component), component_loads(state, component)
     key = mesh_key(component, supports, loads)

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.machines import position_units
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system, solve_all_modes
 from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
-from headstock.pipeline.machine_views import ShiftArray, component_skin, shift_skins, view_pose
+from headstock.pipeline.machine_views import component_skin, shift_skins, view_pose
 from headstock.pipeline.mechanism_poses import describe_state
 from headstock.pipeline.results import PointCompliance, PoseModes
-from headstock.pipeline.run_state import Outcome, RunState
+from headstock.pipeline.run_state import Outcome, PoseMotions, RunState
 from headstock.pipeline.stages import Stage
 from headstock.reduction.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
@@ -58,12 +58,14 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
         state.failures.append(f"static analysis in pose {stage.pose}: {error}")
         return Outcome(detail="refused: see below")
     state.static[_pose_name(stage)] = points
-    pushes = {
-        f"{name} {direction}": _push_shifts(state, coupled, coupled.system.inputs[name, direction])
+    motions = {
+        f"{name} {direction}": coupled.basis @ solve_machine_static(coupled, coupled.system.inputs[name, direction]).displacements
         for name in request.at
         for direction in DIRECTIONS
     }
-    _add_to_view(state, stage, pushes=pushes)
+    _motions(state, stage, coupled).motions.update(motions)
+    pushes = {push: shift_skins(coupled, state.skins, stacked[:, None]) for push, stacked in motions.items()}
+    _add_to_view(state, stage, pushes={push: {name: one[0] for name, one in shifts.items()} for push, shifts in pushes.items()})
     return Outcome(detail=f"{', '.join(points)}")
 
 
@@ -101,15 +103,15 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
             placements=dict(coupled.placements),
         )
     )
+    _motions(state, stage, coupled)
     _add_to_view(state, stage, shifts=shift_skins(coupled, state.skins, stacked))
     span = f"{result.frequencies_hz[0]:.4g} .. {result.frequencies_hz[-1]:.4g} Hz" if count else "none in the range"
     return Outcome(detail=f"{count} modes, {span}")
 
 
-def _push_shifts(state: RunState, coupled: CoupledMachine, load: FloatArray) -> dict[str, ShiftArray]:
-    motion = solve_machine_static(coupled, load).displacements
-    shifts = shift_skins(coupled, state.skins, (coupled.basis @ motion)[:, None])
-    return {name: shift[0] for name, shift in shifts.items()}
+def _motions(state: RunState, stage: Stage, coupled: CoupledMachine) -> PoseMotions:
+    """What is kept of the motions of a pose."""
+    return state.motions.setdefault(_pose_name(stage), PoseMotions(coupled.offsets))
 
 
 def _add_to_view(state: RunState, stage: Stage, **fields: Any) -> None:

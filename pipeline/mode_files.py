@@ -6,6 +6,8 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -74,8 +76,6 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
     Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes [m/sqrt(kg)], ``static_POINT_x`` displacements
     under a unit force at a point [m/N]. Field data: ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode,
     NaN where there is none. The names are the same whatever the results, so that a ParaView state fits the next run.
-
-    Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
     """
     points, triangles, numbers = [], [], []
     start = 0
@@ -85,32 +85,80 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
         triangles.append(skin.triangles + start)
         numbers.append(np.full(len(skin.points), number, dtype=np.int32))
         start += len(skin.points)
-    every = np.vstack(triangles).astype(np.int64)
-    fields = [_data_array("component", np.concatenate(numbers))]
-    frequencies = modes["frequencies_hz"] if pose.shifts else []
-    for index in range(len(frequencies)):
-        shape = np.vstack([pose.shifts[name][index] for name in view.skins])
-        fields.append(_data_array(f"mode_{index + 1:02d}", shape.astype(np.float32)))
+    fields: dict[str, AnyArray] = {"component": np.concatenate(numbers)}
+    if pose.shifts:
+        for index in range(len(modes["frequencies_hz"])):
+            fields[mode_array(index)] = np.vstack([pose.shifts[name][index] for name in view.skins]).astype(np.float32)
     for push, shifts in pose.pushes.items():
-        shape = np.vstack([shifts[name] for name in view.skins])
-        fields.append(_data_array(f"static_{push.replace(' ', '_')}", shape.astype(np.float32)))
-    about = [_field_array("frequencies_hz", frequencies)] if frequencies else []
-    if any(ratio is not None for ratio in modes.get("damping_ratio", [])):
-        about.append(_field_array("damping_ratio", [math.nan if ratio is None else ratio for ratio in modes["damping_ratio"]]))
+        fields[push_array(push)] = np.vstack([shifts[name] for name in view.skins]).astype(np.float32)
+    block = CellBlock(VTK_TRIANGLE, np.vstack(triangles))
+    return encode_grid(Grid(np.vstack(points), (block,), fields, {}, mode_numbers(modes) if pose.shifts else {}))
+
+
+@dataclass(frozen=True, eq=False)
+class CellBlock:
+    """Cells of one kind: VTK's number of it, and ``(n, nodes)`` points of each in VTK's order."""
+
+    kind: int
+    cells: AnyArray
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """An unstructured grid: points ``(n, 3)``, cells, and arrays by name over points, over cells and of the whole."""
+
+    points: AnyArray
+    blocks: tuple[CellBlock, ...]
+    point_data: dict[str, AnyArray]
+    cell_data: dict[str, AnyArray]
+    field_data: dict[str, AnyArray]
+
+
+def mode_array(index: int) -> str:
+    """Name of the array of a mode, whatever its frequency."""
+    return f"mode_{index + 1:02d}"
+
+
+def push_array(push: str) -> str:
+    """Name of the array of the response to a unit force, ``POINT DIRECTION``."""
+    return f"static_{push.replace(' ', '_')}"
+
+
+def mode_numbers(modes: Json) -> dict[str, AnyArray]:
+    """Frequencies and damping ratios of the modes of a pose; no ratios where nothing is damped."""
+    found = {"frequencies_hz": np.array(modes["frequencies_hz"], dtype=np.float64)}
+    ratios = modes.get("damping_ratio", [])
+    if any(ratio is not None for ratio in ratios):
+        found["damping_ratio"] = np.array([math.nan if ratio is None else ratio for ratio in ratios])
+    return found if modes["frequencies_hz"] else {}
+
+
+def encode_grid(grid: Grid) -> bytes:
+    """A grid as ``.vtu``.
+
+    Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
+    """
+    sizes = np.concatenate([np.full(len(block.cells), block.cells.shape[1], dtype=np.int64) for block in grid.blocks])
+    kinds = np.concatenate([np.full(len(block.cells), block.kind, dtype=np.uint8) for block in grid.blocks])
     cells = [
-        _data_array("connectivity", every.ravel()),
-        _data_array("offsets", np.arange(3, every.size + 3, 3, dtype=np.int64)),
-        _data_array("types", np.full(len(every), VTK_TRIANGLE, dtype=np.uint8)),
+        _data_array("connectivity", np.concatenate([block.cells.ravel() for block in grid.blocks]).astype(np.int64)),
+        _data_array("offsets", np.cumsum(sizes)),
+        _data_array("types", kinds),
     ]
+    about, over_points, over_cells = (
+        "".join(starmap(encode, data.items()))
+        for encode, data in ((_field_array, grid.field_data), (_data_array, grid.point_data), (_data_array, grid.cell_data))
+    )
     return "\n".join(
         [
             '<?xml version="1.0"?>',
             '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-            f"<UnstructuredGrid><FieldData>{''.join(about)}</FieldData>",
-            f'<Piece NumberOfPoints="{start}" NumberOfCells="{len(every)}">',
-            f"<Points>{_data_array('points', np.vstack(points))}</Points>",
+            f"<UnstructuredGrid><FieldData>{about}</FieldData>",
+            f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(kinds)}">',
+            f"<Points>{_data_array('points', grid.points)}</Points>",
             f"<Cells>{''.join(cells)}</Cells>",
-            f"<PointData>{''.join(fields)}</PointData>",
+            f"<PointData>{over_points}</PointData>",
+            f"<CellData>{over_cells}</CellData>",
             "</Piece></UnstructuredGrid></VTKFile>\n",
         ]
     ).encode()
@@ -203,10 +251,9 @@ def _glb_chunks(chunks: Sequence[tuple[bytes, bytes]]) -> Iterator[bytes]:
         yield struct.pack("<I4s", len(data), kind) + data
 
 
-def _field_array(name: str, values: Sequence[float]) -> str:
+def _field_array(name: str, values: AnyArray) -> str:
     # a field has no length of its own: without it readers expect one value
-    text = _data_array(name, np.array(values, dtype=np.float64))
-    return text.replace(" format=", f' NumberOfTuples="{len(values)}" format=', 1)
+    return _data_array(name, values).replace(" format=", f' NumberOfTuples="{len(values)}" format=', 1)
 
 
 def _data_array(name: str, array: AnyArray) -> str:

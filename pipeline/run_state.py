@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from mpi4py import MPI
 
 from headstock.geometry.components import Component, Load, Support
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline.frf_results import PoseResponse
@@ -31,6 +32,19 @@ class ReducedComponent:
     skin: Skin | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class PoseMotions:
+    """Motions of a coupled machine in a pose: of all superelement dofs, and which of them are each component's.
+
+    Attributes:
+        offsets: Component to its rows.
+        motions: ``"POINT DIRECTION"`` to ``(n_all,)`` motion under a unit force there [m/N, rad/N].
+    """
+
+    offsets: dict[str, slice]
+    motions: dict[str, FloatArray] = field(default_factory=dict)
+
+
 @dataclass(eq=False)
 class RunState:
     """Everything stages read and add to; complete on rank 0, the others hold only meshes."""
@@ -50,6 +64,7 @@ class RunState:
     responses: list[PoseResponse] = field(default_factory=list)
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
+    motions: dict[str, PoseMotions] = field(default_factory=dict)
     placed: PlacedMechanism | None = None
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None

@@ -1,5 +1,6 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
+import dataclasses
 import functools
 import time
 from collections.abc import Callable, Mapping
@@ -44,6 +45,7 @@ from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, Stage, StageRecord
 from headstock.pipeline.store import Store, default_store_root
+from headstock.pipeline.volume_files import write_volumes
 
 Observer = Callable[[StageRecord], None]
 Announcer = Callable[[Stage], None]
@@ -78,6 +80,7 @@ def run_scene(
     observer: Observer = lambda record: None,
     store: Store | None = None,
     announce: Announcer = lambda stage: None,
+    volume: bool = False,
 ) -> Results:
     """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
 
@@ -91,6 +94,7 @@ def run_scene(
         observer: Told of each stage as it ends, on rank 0.
         store: Where meshes and superelements are kept; by default the user's.
         announce: Told of each stage before it begins, on rank 0.
+        volume: Write the volume meshes with their motions and stresses, too.
 
     Returns:
         What was found; complete on rank 0 only.
@@ -108,6 +112,10 @@ def run_scene(
         results = gather_results(state, tuple(rounds.records))
         if state.is_root:
             publish_summary(pending, output, results)
+    if state.is_root:
+        # the results are safe by now
+        remarks = write_volumes(state, output, wanted=volume)
+        results = dataclasses.replace(results, warnings=(*results.warnings, *remarks))
     return results
 
 
