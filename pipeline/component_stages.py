@@ -127,7 +127,7 @@ def _stored_request(state: RunState, component: Component) -> StoredRequest:
     return StoredRequest(
         key=superelement_key(component, supports, loads),
         reduction=request,
-        mass=needs_mass(component, supports, loads, request),
+        mass=needs_mass(component, loads, request),
         verify=component.reduction.verify,
     )
 

@@ -158,6 +158,9 @@ def _constraint_rows(layout: DofLayout, springs: tuple[JointSpring, ...]) -> tup
 
 def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:
     """Each coordinate by the stacked dof it moves most; ``~`` where it moves others too."""
+    if not layout.size:
+        # supports hold every component, none has an interface, and no mode is kept
+        return ()
     names = label_dofs(layout)
     weights = (basis / scale_dofs(layout)[:, None]) ** 2
     totals = weights.sum(axis=0)

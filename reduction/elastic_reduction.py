@@ -57,7 +57,7 @@ def reduce_elastic(
     Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al. (2019).
     """
     request = request or ReductionRequest(modes=mode_target(component))
-    with_mass = needs_mass(component, supports, loads, request)
+    with_mass = needs_mass(component, loads, request)
     operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass)
     return reduce_operators(component, mesh, operators, supports, loads, request=request)
 
@@ -74,7 +74,7 @@ def reduce_operators(
     """The same from operators that are already assembled."""
     remarks = judge_element_order(component, mesh)
     basis = build_boundary_basis(component, mesh, supports)
-    means = MeanConstraints(basis, operators, loose=not basis.nodes and not basis.rails and not basis.held.any())
+    means = MeanConstraints(basis, operators)
     with ConstrainedSolver(operators, basis.held[local_dofs(operators)], means.columns) as solver:
         psi = find_constraint_modes(basis, means, solver)
         modes = find_fixed_interface_modes(solver, request.modes)

@@ -16,7 +16,8 @@ from headstock.solvers.sturm_count import count_frequencies_below
 DENSE_LIMIT = 4000
 DENSE_SHARE = 0.1
 SMALL = 400
-RAYLEIGH_TOLERANCE = 1e-7
+RAYLEIGH_TOLERANCE = 1e-7  # what the search itself leaves
+ROUNDOFF_LIMIT = 0.3  # share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh quotient keeps 1e-3 of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,19 +137,46 @@ def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the search is checked by a second road."""
+    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the search is checked by it.
+
+    The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff`` says, or as the pins of a free body
+    make of it; its shapes are off by the same share and the Rayleigh quotient by the square.
+    """
     if not len(values):
         return values, shapes, 0.0
-    stiffness = solver.product(shapes, solver.operators.apply_stiffness(shapes))
+    stiffness = solver.product(shapes, solver.forces(shapes))
     mass = solver.product(shapes, solver.operators.apply_mass(shapes))
     improved, vectors = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
-    change = float(np.abs(improved / values - 1.0).max())
-    if not change < RAYLEIGH_TOLERANCE:
+    shapes = shapes @ vectors
+    share = solver.operators.energy_roundoff(shapes) / improved
+    share = share * max(1.0, solver.roundoff / share.max())
+    require_resolved(values, improved, share)
+    return improved, shapes, float(np.abs(improved / values - 1.0).max())
+
+
+def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:
+    """Refuse eigenvalues that rounding may have drowned, or that two methods do not agree on as far as rounding lets them.
+
+    Args:
+        values: ``(m,)`` found with the inverse of the stiffness.
+        improved: ``(m,)`` found with the stiffness itself.
+        roundoff: ``(m,)`` share of each that rounding of the stiffness may reach.
+
+    Raises:
+        AccuracyError: Names the share or the difference, and what is allowed.
+    """
+    changes = np.abs(improved / values - 1.0)
+    if not (roundoff <= ROUNDOFF_LIMIT).all():
         raise AccuracyError(
-            f"fixed-interface eigenvalues change by {change:.2g} between the inverse and the stiffness itself (allowed "
-            f"{RAYLEIGH_TOLERANCE:g}): the stiffness is too badly conditioned; look for slivers"
+            f"rounding of the stiffness reaches {roundoff.max():.2g} of a fixed-interface eigenvalue (allowed {ROUNDOFF_LIMIT:g}): the "
+            "component is too thin or too slender for solid elements; make it thicker, or model it as rigid or segmented"
         )
-    return improved, shapes @ vectors, change
+    if not (changes <= RAYLEIGH_TOLERANCE + roundoff).all():
+        worst = int(np.argmax(changes - roundoff))
+        raise AccuracyError(
+            f"fixed-interface eigenvalue {worst + 1} changes by {changes[worst]:.2g} between the inverse and the stiffness itself; its "
+            f"conditioning allows {RAYLEIGH_TOLERANCE + roundoff[worst]:.2g}: look for slivers"
+        )
 
 
 def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:

@@ -1,25 +1,50 @@
 """Averaging interfaces as weighted means of the displacement, and the mean motion of a body that nothing holds."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray, Frame, rigid_map
+from headstock.geometry.frames import FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.boundary_basis import BoundaryBasis
 from headstock.reduction.rails import STATION_DOFS
+from headstock.solvers.constrained_solver import free_combinations, scale_motions
 from headstock.solvers.elasticity import ElasticOperators
+from headstock.solvers.factorization import BoolArray
 from headstock.solvers.rank_sums import sum_over_ranks
 
 DEPENDENCE_TOLERANCE = 1e-10
 
 
+@dataclass(frozen=True, eq=False)
+class BodyMean:
+    """Mass-weighted mean of the k rigid motions that supports leave free.
+
+    Attributes:
+        center: Centre of mass ``(3,)`` [m].
+        motions: ``(3 n_owned, k)``.
+        operator: ``(3 n_owned, k)``, its transpose takes the means of a displacement.
+        values: ``(k, 6)`` means for unit dofs of the body.
+        fixed: ``(6 - k, 6)`` orthonormal combinations of the body's dofs that vanish.
+    """
+
+    center: FloatArray
+    motions: FloatArray
+    operator: FloatArray
+    values: FloatArray
+    fixed: FloatArray
+
+
 class MeanConstraints:
     """Columns C of the prescribed means, their dependent combinations taken out.
 
-    ``targets`` maps boundary dofs to the values of ``C^T u``; ``dependent`` holds rows of boundary dofs that must vanish.
+    ``targets`` maps boundary dofs to the values of ``C^T u``; ``dependent`` holds rows of boundary dofs that must vanish. A component
+    without interfaces that supports leave free has one body node in ``loose_frame``: ``body_motions`` ``(3 n_owned, 6)`` is what its
+    dofs do, and ``fixed`` ``(m, 6)`` combinations of them that supports fix.
     """
 
-    def __init__(self, basis: BoundaryBasis, operators: ElasticOperators, *, loose: bool) -> None:
+    def __init__(self, basis: BoundaryBasis, operators: ElasticOperators) -> None:
         local_of = {int(point): row for row, point in enumerate(operators.nodes)}
         count = 6 * len(basis.nodes) + STATION_DOFS * len(basis.stations)
         columns, selectors = [], []
@@ -34,11 +59,16 @@ class MeanConstraints:
             first += rail.operator.shape[1]
         self.node_frames = tuple(Frame(node.patch.centroid) for node in basis.nodes)
         self.loose_frame: Frame | None = None
-        if loose:
-            # a body that nothing holds: its mass-weighted mean motion is the boundary node, so psi is rigid and phi free-free
-            center, operator = _mass_mean(operators)
-            columns, selectors, count = [operator], [np.eye(6)], 6
-            self.loose_frame = Frame(center)
+        self.body_motions: FloatArray | None = None
+        self.fixed: FloatArray = np.zeros((0, 6))
+        supported = basis.supported[local_dofs(operators)]
+        middle, free = free_combinations(operators, supported)
+        if not basis.nodes and not basis.rails and free.shape[1]:
+            # a body that nothing holds in some motion: the mass-weighted mean of those motions is the boundary node, so psi is
+            # rigid and phi free of them
+            mean = _mass_mean(operators, supported, middle, free)
+            columns, selectors, count = [mean.operator], [mean.values.T], 6
+            self.loose_frame, self.body_motions, self.fixed = Frame(mean.center), mean.motions @ mean.values, mean.fixed
             self.node_frames = (self.loose_frame,)
         full = np.hstack(columns) if columns else np.zeros((operators.owned_dofs, 0))
         self.boundary_size = count
@@ -64,16 +94,21 @@ def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, Float
     return np.linalg.qr(vectors[:, keep])[0], vectors[:, ~keep]
 
 
-def _mass_mean(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
+def _mass_mean(operators: ElasticOperators, supported: BoolArray, middle: FloatArray, free: FloatArray) -> BodyMean:
+    """Mean of the motions about a point that supports leave free, from their combinations ``(6, k)``."""
     ones = np.zeros((operators.owned_dofs, 1))
     ones[0::3] = 1.0
     weights = operators.apply_mass(ones)[0::3, 0]
     mass = sum_over_ranks(operators.comm, weights.sum(keepdims=True))
     center = sum_over_ranks(operators.comm, weights @ operators.points) / mass
-    rigid = rigid_map(operators.points, center)
+    units, count = scale_motions(operators)[1][:, None], free.shape[1]
+    orthogonal = np.linalg.qr(rigid_transfer(middle, center) @ free / units, mode="complete")[0]
+    motions = rigid_map(operators.points, center) @ (units * orthogonal[:, :count])
+    rigid = np.where(supported[:, None], 0.0, motions)
     weighted = operators.apply_mass(rigid)
     gram = sum_over_ranks(operators.comm, rigid.T @ weighted)
-    return center, weighted @ np.linalg.inv(gram)
+    values, rest = (orthogonal / units).T[:count], (orthogonal / units)[:, count:]
+    return BodyMean(center, rigid, weighted @ np.linalg.inv(gram), values, np.linalg.qr(rest)[0].T)
 
 
 def local_dofs(operators: ElasticOperators) -> IntArray:

@@ -85,10 +85,12 @@ def mode_target(component: Component) -> ModeTarget:
     )
 
 
-def needs_mass(component: Component, supports: Sequence[Support], loads: Sequence[Load], request: ReductionRequest) -> bool:
-    """Whether a reduction assembles the component's mass; a body that nothing touches has it to say where its middle is."""
-    loose = not component.interfaces and not supports
-    return loose or request.modes is not None or request.gravity or any(load.kind == "body" for load in loads)
+def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRequest) -> bool:
+    """Whether a reduction assembles the component's mass.
+
+    A body without interfaces has it even then: the means of the motions that its supports leave free are weighed by it.
+    """
+    return not component.interfaces or request.modes is not None or request.gravity or any(load.kind == "body" for load in loads)
 
 
 def trim_superelement(element: Superelement, request: ReductionRequest, *, mass: bool) -> Superelement:

@@ -46,7 +46,11 @@ def without_rigid_stiffness(element: Superelement, points: FloatArray, supported
         )
     elastic = np.eye(boundary) - motions @ motions.T
     # projecting leaves rounding of rounding where nothing is to be left at all
-    projected = elastic @ scaled @ elastic / units / units[:, None] if motions.shape[1] < boundary else np.zeros_like(scaled)
+    projected = elastic @ scaled @ elastic if motions.shape[1] < boundary else np.zeros_like(scaled)
+    # nor does a dof that only free motions move, beside a support: of its diagonal entry the square of rounding is left
+    dead = projected.diagonal() <= (boundary * np.finfo(float).eps) ** 2 * np.abs(projected).max(initial=0.0)
+    projected[dead, :], projected[:, dead] = 0.0, 0.0
+    projected = projected / units / units[:, None]
     result = element.stiffness.copy()
     result[:boundary, :boundary] = 0.5 * (projected + projected.T)
     return result

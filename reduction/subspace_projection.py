@@ -50,7 +50,8 @@ def project_component(component: Component, solver: ConstrainedSolver, space: Re
     boundary = space.psi.shape[1]
     labels = boundary_labels(basis) or [(BODY_NODE, dof) for dof in ("x", "y", "z", "rx", "ry", "rz")[:boundary]]
     labels += [("mode", str(number + 1)) for number in range(size - boundary)]
-    constraints = np.vstack([_embed(basis.constraints, size), _embed(dependent_rows(basis, means, solver), size)])
+    rows = (means.fixed if means.loose_frame is not None else basis.constraints, dependent_rows(basis, means, solver))
+    constraints = np.vstack([_embed(block, size) for block in rows])
     return Superelement(
         name=component.name,
         labels=tuple(labels),
@@ -80,7 +81,8 @@ def _project_matrices(solver: ConstrainedSolver, space: ReductionSpace) -> tuple
     boundary, count = psi.shape[1], modes.shapes.shape[1]
     size = boundary + count
     stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
-    stiffness[:boundary, :boundary] = _symmetric(solver.product(psi, operators.apply_stiffness(psi)))
+    if space.means.body_motions is None:
+        stiffness[:boundary, :boundary] = _symmetric(solver.product(psi, solver.forces(psi)))
     stiffness[boundary:, boundary:] = np.diag(modes.eigenvalues)
     if operators.scalar_mass is not None:
         weighted = operators.apply_mass(psi)

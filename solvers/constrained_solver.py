@@ -13,8 +13,11 @@ from headstock.solvers.factorization import Factorization
 from headstock.solvers.rank_sums import max_over_ranks, sum_over_ranks
 
 RIGID_TOLERANCE = 1e-9
-SOLVE_TOLERANCE = 1e-8
-REFINEMENT_STEPS = 2
+SOLVE_TOLERANCE = 1e-11  # of forces: a Cholesky factorisation leaves some 1e-15 however badly conditioned the stiffness is
+SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
+NEGLIGIBLE_ROUNDOFF = 1e-8  # of the strain energy of soft shapes, below which displacements need no refinement
+DISPLACEMENT_TOLERANCE = 1e-5  # of displacements, by how much the last refinement may still change them
+REFINEMENT_STEPS = 5
 
 
 class ConstrainedSolver:
@@ -53,6 +56,7 @@ class ConstrainedSolver:
         self._saddle[:count, count:], self._saddle[count:, :count] = coupling, coupling.T
         self._scale, self._factors = _factor_saddle(self._saddle, count, rigid)
         self.largest_residual = 0.0
+        self.roundoff = self._soft_roundoff()
 
     def product(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """``left^T right`` summed over the ranks."""
@@ -63,30 +67,47 @@ class ConstrainedSolver:
         return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))
 
     def solve(self, loads: FloatArray, targets: FloatArray | None = None) -> FloatArray:
-        """Displacements under loads with ``C^T u = targets``, refined until the residual is small.
+        """Displacements under loads with ``C^T u = targets``, refined until residual and, in thin parts, displacements are small.
+
+        A residual says little about displacements where the stiffness is badly conditioned. The factors are those of K with its
+        rounding, the residual is that of K less it (``ElasticOperators.apply_stiffness``), so that refinement finds the digits back.
 
         Args:
             loads: ``(3 n_owned, k)`` [N].
             targets: ``(n_c, k)``; zero when left out.
 
         Raises:
-            ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces inside the component.
+            ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces inside the component, or
+                refinement goes on to change the displacements.
+
+        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1.
         """
         if targets is None:
             targets = np.zeros((self.constraints.shape[1], loads.shape[1]))
         result = self._solve(loads, targets)
+        change = self.roundoff
         for step in range(REFINEMENT_STEPS + 1):
             residual, size = self._residual(result, loads)
-            missing = targets - self.product(self.constraints, result)
-            if size <= SOLVE_TOLERANCE and (step > 0 or size <= 0.01 * SOLVE_TOLERANCE):
+            sound = size <= (SOUND_RESIDUAL if step == 0 else SOLVE_TOLERANCE)
+            if sound and change <= (NEGLIGIBLE_ROUNDOFF if step == 0 else DISPLACEMENT_TOLERANCE):
                 self.largest_residual = max(self.largest_residual, size)
                 return result
             if step < REFINEMENT_STEPS:
-                result = result + self._solve(residual, missing)
+                correction = self._solve(residual, targets - self.product(self.constraints, result))
+                result = result + correction
+                change = self._relative_reach(correction, result)
         raise ConvergenceError(
-            f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}) after {REFINEMENT_STEPS} refinements: "
-            "the stiffness is too badly conditioned; look for slivers, or supports and interfaces that barely hold the component"
+            f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements change by "
+            f"{change:.2g} (allowed {DISPLACEMENT_TOLERANCE:g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
+            "conditioned; look for slivers, for supports and interfaces that barely hold the component, or for a sheet too thin for "
+            "solid elements"
         )
+
+    def forces(self, displacements: FloatArray) -> FloatArray:
+        """``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the component calls for."""
+        if self.roundoff <= NEGLIGIBLE_ROUNDOFF:
+            return self.operators.apply_stiffness(displacements)
+        return self.operators.apply_stiffness_precisely(displacements)
 
     def close(self) -> None:
         """Release the factorisation."""
@@ -108,9 +129,26 @@ class ConstrainedSolver:
         count = self.constraints.shape[1]
         return np.asarray(plain + self._lifted @ small[:count] + self.motions @ small[count:])
 
+    def _soft_roundoff(self) -> float:
+        """Rounding of K as a share of the strain energy of a shape in which what is factorised gives way: its soft modes dominate it."""
+        # forces that grow with the square of the distance bend a part, even a free one
+        motions = rigid_motions(self.operators)
+        arms = (motions[:, 3:].reshape(-1, 3, 3) ** 2).sum(axis=(1, 2))
+        load = np.where(self.held, 0.0, np.repeat(1.0 + arms, 3))[:, None]
+        shape = self._factorization.solve(load)
+        energy = float(self.product(shape, load)[0, 0])
+        if not max_over_ranks(self.comm, np.abs(shape).max(axis=0, initial=0.0))[0] > 0.0:
+            return 0.0
+        return float(self.operators.energy_roundoff(shape)[0]) / energy if energy > 0.0 else np.inf
+
+    def _relative_reach(self, part: FloatArray, whole: FloatArray) -> float:
+        sizes = [max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0)) for block in (part, whole)]
+        return float(np.max(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny), initial=0.0))
+
     def _residual(self, result: FloatArray, loads: FloatArray) -> tuple[FloatArray, float]:
-        forces = self.operators.apply_stiffness(result)
+        forces = self.forces(result)
         residual = np.where(self.held[:, None], 0.0, loads - forces)
+        given = max_over_ranks(self.comm, np.abs(loads).max(axis=0, initial=0.0))
         if self.constraints.shape[1]:
             # what the mean constraints carry is no residual: take out its component along C
             gram = self.product(self.constraints, self.constraints)
@@ -119,27 +157,38 @@ class ConstrainedSolver:
         largest = self.operators.stiffness_scale
         reach = max_over_ranks(self.comm, np.abs(result).max(axis=0, initial=0.0))
         size = max_over_ranks(self.comm, np.abs(residual).max(axis=0, initial=0.0))
-        return residual, float(np.max(size / np.maximum(largest * reach, np.finfo(float).tiny), initial=0.0))
+        return residual, float(np.max(size / np.maximum(largest * reach + given, np.finfo(float).tiny), initial=0.0))
 
 
 def rigid_motions(operators: ElasticOperators) -> FloatArray:
     """The six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the component's size to unit length."""
-    comm = operators.comm
-    points = operators.points
-    center = sum_over_ranks(comm, points.sum(axis=0)) / max(operators.total_nodes, 1)
-    arms = comm.allreduce(float(((points - center) ** 2).sum()))
-    radius = np.sqrt(arms / max(operators.total_nodes, 1)) or 1.0
-    motions = rigid_map(points, center) if len(points) else np.zeros((0, 6))
-    motions[:, 3:] /= radius
-    return motions
+    center, units = scale_motions(operators)
+    return rigid_map(operators.points, center) * units if len(operators.points) else np.zeros((0, 6))
 
 
-def _free_motions(operators: ElasticOperators, held: BoolArray) -> FloatArray:
+def free_combinations(operators: ElasticOperators, held: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no held dof."""
+    center, units = scale_motions(operators)
     motions = rigid_motions(operators)
     blocked = sum_over_ranks(operators.comm, motions[held].T @ motions[held])
     values, vectors = np.linalg.eigh(blocked)
     free = values <= RIGID_TOLERANCE * max(float(operators.comm.allreduce(int(held.sum()))), 1.0)
-    return np.where(held[:, None], 0.0, motions @ vectors[:, free])
+    return center, units[:, None] * vectors[:, free]
+
+
+def scale_motions(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
+    """Mean point ``(3,)``, and what makes unit motions of translations and rotations about it ``(6,)``."""
+    comm, points = operators.comm, operators.points
+    center = sum_over_ranks(comm, points.sum(axis=0)) / max(operators.total_nodes, 1)
+    arms = comm.allreduce(float(((points - center) ** 2).sum()))
+    radius = np.sqrt(arms / max(operators.total_nodes, 1)) or 1.0
+    return center, np.repeat([1.0, 1.0 / radius], 3)
+
+
+def _free_motions(operators: ElasticOperators, held: BoolArray) -> FloatArray:
+    center, combinations = free_combinations(operators, held)
+    motions = rigid_map(operators.points, center) @ combinations if len(operators.points) else np.zeros((0, combinations.shape[1]))
+    return np.where(held[:, None], 0.0, motions)
 
 
 def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
