@@ -17,7 +17,9 @@ DENSE_LIMIT = 4000
 DENSE_SHARE = 0.1
 SMALL = 400
 RAYLEIGH_TOLERANCE = 1e-7  # what the search itself leaves
-ROUNDOFF_LIMIT = 0.3  # share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh quotient keeps 1e-3 of it
+ROUNDOFF_LIMIT = (
+    0.3  # share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh quotient keeps 1e-3 of it
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.components import Component, Load, Support
+from headstock.geometry.components import Component, Load
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.superelement import StaticLoad, Superelement
 from headstock.reduction.truncation import Truncation, lowest_participating

@@ -15,7 +15,7 @@ from headstock.solvers.rank_sums import max_over_ranks, sum_over_ranks
 RIGID_TOLERANCE = 1e-9
 SOLVE_TOLERANCE = 1e-11  # of forces: a Cholesky factorisation leaves some 1e-15 however badly conditioned the stiffness is
 SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
-NEGLIGIBLE_ROUNDOFF = 1e-8  # of the strain energy of soft shapes, below which displacements need no refinement
+NEGLIGIBLE_ROUNDOFF = 1e-6  # of the strain energy of soft shapes, below which displacements need no refinement; parts 1:300 or so
 DISPLACEMENT_TOLERANCE = 1e-5  # of displacements, by how much the last refinement may still change them
 REFINEMENT_STEPS = 5
 
@@ -64,7 +64,7 @@ class ConstrainedSolver:
 
     def apply(self, loads: FloatArray) -> FloatArray:
         """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use inside an eigensolver."""
-        return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))
+        return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))[0]
 
     def solve(self, loads: FloatArray, targets: FloatArray | None = None) -> FloatArray:
         """Displacements under loads with ``C^T u = targets``, refined until residual and, in thin parts, displacements are small.
@@ -84,7 +84,9 @@ class ConstrainedSolver:
         """
         if targets is None:
             targets = np.zeros((self.constraints.shape[1], loads.shape[1]))
-        result = self._solve(loads, targets)
+        result, unconstrained = self._solve(loads, targets)
+        # loads that constraints carry alone leave rounding of the unconstrained displacements, which is not to be refined
+        reach = max_over_ranks(self.comm, np.abs(unconstrained).max(axis=0, initial=0.0))
         change = self.roundoff
         for step in range(REFINEMENT_STEPS + 1):
             residual, size = self._residual(result, loads)
@@ -93,9 +95,11 @@ class ConstrainedSolver:
                 self.largest_residual = max(self.largest_residual, size)
                 return result
             if step < REFINEMENT_STEPS:
-                correction = self._solve(residual, targets - self.product(self.constraints, result))
+                correction, _ = self._solve(residual, targets - self.product(self.constraints, result))
                 result = result + correction
-                change = self._relative_reach(correction, result)
+                sizes = [max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0)) for block in (correction, result)]
+                scale = np.maximum(np.maximum(sizes[1], reach), np.finfo(float).tiny)
+                change = float(np.max(sizes[0] / scale, initial=0.0))
         raise ConvergenceError(
             f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements change by "
             f"{change:.2g} (allowed {DISPLACEMENT_TOLERANCE:g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
@@ -119,15 +123,16 @@ class ConstrainedSolver:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def _solve(self, loads: FloatArray, targets: FloatArray) -> FloatArray:
+    def _solve(self, loads: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Displacements, and those without constraints and with the pins holding."""
         plain = self._factorization.solve(loads)
         if not self._saddle.size:
-            return plain
+            return plain, plain
         free_loads = np.where(self.held[:, None], 0.0, loads)
         right = np.vstack([targets - self.product(self.constraints, plain), -self.product(self.motions, free_loads)])
         small = self._scale[:, None] * scipy.linalg.lu_solve(self._factors, self._scale[:, None] * right)
         count = self.constraints.shape[1]
-        return np.asarray(plain + self._lifted @ small[:count] + self.motions @ small[count:])
+        return np.asarray(plain + self._lifted @ small[:count] + self.motions @ small[count:]), plain
 
     def _soft_roundoff(self) -> float:
         """Rounding of K as a share of the strain energy of a shape in which what is factorised gives way: its soft modes dominate it."""
@@ -140,10 +145,6 @@ class ConstrainedSolver:
         if not max_over_ranks(self.comm, np.abs(shape).max(axis=0, initial=0.0))[0] > 0.0:
             return 0.0
         return float(self.operators.energy_roundoff(shape)[0]) / energy if energy > 0.0 else np.inf
-
-    def _relative_reach(self, part: FloatArray, whole: FloatArray) -> float:
-        sizes = [max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0)) for block in (part, whole)]
-        return float(np.max(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny), initial=0.0))
 
     def _residual(self, result: FloatArray, loads: FloatArray) -> tuple[FloatArray, float]:
         forces = self.forces(result)

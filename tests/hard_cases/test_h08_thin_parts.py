@@ -9,7 +9,9 @@ from mpi4py import MPI
 from headstock.geometry.components import Patch, Support
 from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.errors import ModelError
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.block_lanczos import ModeTarget
+from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.validation.full_models import full_displacement, full_model, full_modes
 
 COMM = MPI.COMM_SELF
@@ -82,3 +84,36 @@ def test_compact_first_order_elements_nobody_asked_for_are_spoken_of(make_box, m
 def test_second_order_elements_need_no_warning(make_box, make_component, kind):
     mesh = make_box((4, 1, 1), (0.4, 0.1, 0.1), {"tip": "x+"}, kind=kind)
     assert reduce_elastic(make_component({"tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest()).warnings == ()
+
+
+@pytest.mark.parametrize("thickness", [0.1, 0.02, 1e-3], ids=["1:10", "1:50", "1:1000"])
+@pytest.mark.parametrize("ends", [("rigid", "average"), ("rigid", "rigid"), ("average", "average")], ids="-".join)
+def test_mass_and_rigid_motions_of_a_sheet_are_as_good_as_those_of_a_block(make_box, make_component, thickness, ends):
+    mesh = make_box((20, 4, 1), (1.0, 0.2, thickness), {"foot": "x-", "tip": "x+"})
+    component = make_component(dict(zip(("foot", "tip"), ends, strict=True)))
+    request = ReductionRequest(modes=ModeTarget(count=4), errors=False)
+    element = reduce_elastic(component, mesh, comm=COMM, request=request)
+    check_superelement(element)
+    first = np.eye(len(element.mass))[0]
+    grounded = element.stiffness + 1e-6 * np.abs(element.stiffness).max() * np.outer(first, first)
+    broken = {"its mass is off": {"mass_kg": element.mass_kg * (1.0 + 1e-8)}, "rigid motion": {"stiffness": grounded}}
+    for text, change in broken.items():
+        with pytest.raises(AccuracyError, match=text):
+            check_superelement(dataclasses.replace(element, **change))
+
+
+@pytest.mark.parametrize("kind", ["tet10", "hex27"])
+def test_the_tip_of_a_thin_strip_between_two_interfaces_gives_way_as_beam_theory_says(make_box, make_component, kind):
+    mesh = make_box((60, 2, 1), (LENGTH, WIDTH, THICKNESS), {"foot": "x-", "tip": "x+"}, kind=kind)
+    material = make_component().material
+    material = type(material)("strip", material.youngs_modulus, 0.0, material.density)
+    element = reduce_elastic(
+        make_component({"foot": "rigid", "tip": "rigid"}, material=material), mesh, comm=COMM, request=ReductionRequest()
+    )
+    tip = slice(6 * element.attachments["tip"].node, 6 * element.attachments["tip"].node + 6)
+    compliance = np.linalg.inv(element.stiffness[tip, tip])
+    inertia = WIDTH * THICKNESS**3 / 12.0
+    young = material.youngs_modulus
+    assert compliance[2, 2] == pytest.approx(LENGTH**3 / (3.0 * young * inertia), rel=0.01)
+    assert compliance[4, 4] == pytest.approx(LENGTH / (young * inertia), rel=0.01)
+    assert compliance[0, 0] == pytest.approx(LENGTH / (young * WIDTH * THICKNESS), rel=1e-6)

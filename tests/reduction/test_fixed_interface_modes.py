@@ -1,12 +1,16 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.reduction.fixed_interface_modes import DENSE_LIMIT, find_fixed_interface_modes
+from headstock.reduction import fixed_interface_modes
+from headstock.reduction.fixed_interface_modes import DENSE_LIMIT, find_fixed_interface_modes, require_resolved
 from headstock.solvers.block_lanczos import ModeTarget
 from headstock.solvers.constrained_solver import ConstrainedSolver
 from headstock.solvers.elasticity import assemble_elasticity
+from headstock.solvers.errors import AccuracyError
 
 COMM = MPI.COMM_SELF
 
@@ -86,3 +90,45 @@ def test_a_frequency_above_every_mode_keeps_them_all(solver, exact):
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=1e12))
     assert len(found.eigenvalues) == len(exact)
     assert found.cutoff_hz == np.inf
+
+
+def sheet_solver(make_box, make_component, thickness):
+    mesh = make_box((20, 4, 1), (1.0, 0.2, thickness))
+    operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
+    held = np.repeat(operators.points[:, 0] < 1e-9, 3)
+    return ConstrainedSolver(operators, held, np.zeros((len(held), 0)))
+
+
+@pytest.mark.parametrize("thickness", [0.1, 1e-3], ids=["1:10", "1:1000"])
+def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(make_box, make_component, monkeypatch, thickness):
+    search = fixed_interface_modes.lowest_eigenpairs
+    errors = {0.1: (5e-8, 2e-7), 1e-3: (1e-5, 1e-4)}[thickness]
+    with sheet_solver(make_box, make_component, thickness) as solver:
+        for error in errors:
+
+            def missing(*args, error=error, **keywords):
+                pairs = search(*args, **keywords)
+                return dataclasses.replace(pairs, values=pairs.values * (1.0 + error))
+
+            monkeypatch.setattr(fixed_interface_modes, "lowest_eigenpairs", missing)
+            if error == errors[0]:
+                find_fixed_interface_modes(solver, ModeTarget(count=4))
+            else:
+                with pytest.raises(AccuracyError, match="between the inverse and the stiffness itself"):
+                    find_fixed_interface_modes(solver, ModeTarget(count=4))
+
+
+def test_eigenvalues_that_rounding_may_have_drowned_are_refused_with_the_remedy():
+    values = np.array([1.0, 2.0])
+    require_resolved(values, values, np.array([0.29, 1e-3]))
+    with pytest.raises(AccuracyError, match=r"reaches 0.31 .*too thin.*rigid or segmented"):
+        require_resolved(values, values, np.array([0.31, 1e-3]))
+
+
+def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness(make_box, make_component):
+    found = []
+    for thickness in (2e-3, 1e-3):
+        with sheet_solver(make_box, make_component, thickness) as solver:
+            found.append(np.sqrt(find_fixed_interface_modes(solver, ModeTarget(count=3)).eigenvalues[:3]) / thickness)
+    # Kirchhoff: proportional to the thickness but for a transverse shear of (thickness/width)^2
+    np.testing.assert_allclose(found[1], found[0], rtol=2e-3)

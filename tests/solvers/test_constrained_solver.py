@@ -5,7 +5,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import rigid_map
 from headstock.solvers.constrained_solver import ConstrainedSolver, rigid_motions
 from headstock.solvers.elasticity import assemble_elasticity
-from headstock.solvers.errors import ModelError
+from headstock.solvers.errors import ConvergenceError, ModelError
 
 COMM = MPI.COMM_SELF
 RNG = np.random.default_rng(11)
@@ -114,3 +114,54 @@ def test_rigid_motions_are_of_unit_size_and_free_of_force(operators):
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(operators.apply_stiffness(motions)).max() < 1e-12 * operators.stiffness_scale
     np.testing.assert_allclose((motions[:, 3:] ** 2).sum(axis=0).sum() / len(operators.points), 2.0, rtol=1e-12)
+
+
+def strip_operators(make_box, make_component, thickness):
+    mesh = make_box((40, 1, 1), (1.0, 0.02, thickness))
+    return assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
+
+
+@pytest.mark.parametrize("thickness", [0.02, 1e-3], ids=["1:50", "1:1000"])
+def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(make_box, make_component, thickness):
+    operators = strip_operators(make_box, make_component, thickness)
+    x, _, z = operators.points.T
+    held = np.repeat(x < 1e-9, 3)
+    shape = np.zeros((len(held), 1))
+    shape[2::3, 0], shape[0::3, 0] = x**2, -2.0 * x * (z - z.mean())
+    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+        found = solver.solve(operators.apply_stiffness_precisely(shape))
+    # a Cholesky factorisation alone is off by 1e-3 at 1:1000
+    assert np.abs(found - shape).max() < 1e-8 * np.abs(shape).max()
+
+
+def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending(make_box, make_component):
+    operators = strip_operators(make_box, make_component, 1e-3)
+    moved = np.zeros((operators.owned_dofs, 1))
+    moved[2::3] = 1.0
+    bending = make_component().material.youngs_modulus * 0.02 * 1e-9 / 12.0
+    assert abs((moved.T @ operators.apply_stiffness_precisely(moved))[0, 0]) < 1e-9 * bending
+    assert abs((moved.T @ (operators.stiffness @ moved))[0, 0]) > 1e-5 * bending
+    assert operators.energy_roundoff(moved)[0] > 1e-5 * bending
+
+
+def test_a_load_that_the_means_carry_alone_moves_nothing(operators):
+    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    constraints = means(operators)[:, 6:]
+    with ConstrainedSolver(operators, held, constraints) as solver:
+        found = solver.solve(1e6 * constraints[:, 2:3])
+        moved = solver.solve(np.where(held, 0.0, 1.0)[:, None])
+    assert np.abs(found).max() * operators.stiffness_scale < 1e-9 * np.abs(1e6 * constraints[:, 2]).max()
+    assert np.abs(moved).max() * operators.stiffness_scale > 1.0
+
+
+def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators, monkeypatch):
+    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+        good = solver._factorization.solve
+        for share, accepted in ((1e-3, True), (0.3, False)):
+            monkeypatch.setattr(solver._factorization, "solve", lambda loads, share=share: (1.0 + share) * good(loads))
+            if accepted:
+                solver.solve(np.where(held, 0.0, 1.0)[:, None])
+            else:
+                with pytest.raises(ConvergenceError, match=r"residual of .* \(allowed 1e-11\)"):
+                    solver.solve(np.where(held, 0.0, 1.0)[:, None])
