@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray, Frame, rigid_map, rigid_transfer
+from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.boundary_basis import BoundaryBasis
 from headstock.reduction.rails import STATION_DOFS
 from headstock.solvers.constrained_solver import free_combinations, scale_motions
 from headstock.solvers.elasticity import ElasticOperators
-from headstock.solvers.factorization import BoolArray
 from headstock.solvers.rank_sums import sum_over_ranks
 
 DEPENDENCE_TOLERANCE = 1e-10
