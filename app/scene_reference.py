@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from headstock.app.key_notes import NOTES
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.joint_kinds import KINDS
 from headstock.pipeline.json_texts import Json
+from headstock.pipeline.key_notes import NOTES
 
 INTRODUCTION = """\
 # Scene reference

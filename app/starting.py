@@ -18,10 +18,14 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.interface_suggestions import SuggestedInterface, suggest_interfaces
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
+from headstock.pipeline.editor_schema import scene_schema
+from headstock.pipeline.json_texts import dump_json
 
 PART_NAME = "part"
 
+SCHEMA = "scene.schema.json"  # as the first line of a scene names it for editors
 SCENE = """\
+#:schema ./scene.schema.json
 # {heading}
 # Try it:   headstock check {scene}      headstock plan {scene}      headstock run {scene}
 # Change a value for one run only:   headstock run {scene} --set materials.steel.E="190 GPa"
@@ -111,6 +115,7 @@ def _fill_folder(folder: Path, text: str, part: Path | None) -> None:
         scene = Path(made, folder.name)
         scene.mkdir()
         (scene / _scene_name(folder)).write_text(text)
+        (scene / SCHEMA).write_text(dump_json(scene_schema()))
         if part is not None:
             shutil.copyfile(part, scene / part.name)
         scene.replace(folder)  # an empty folder of that name gives way

@@ -1,5 +1,6 @@
 """Commands beside a scene: parts, validation, reports, the environment. Heavy modules are imported by the command that needs them."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,13 @@ from headstock.app.guard import run_guarded
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+class SchemaKind(StrEnum):
+    """Files that have a schema."""
+
+    scene = "scene"
+    targets = "targets"
 
 
 def show(
@@ -95,19 +103,20 @@ def doctor(json: JsonFile = None, debug: Debug = False) -> int:
 
 
 def schema(
+    kind: Annotated[SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")] = SchemaKind.scene,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print the scene reference instead.")] = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """Print the JSON schema of scene files."""
+    """Print the JSON schema of scene files, or of target files, for editors."""
 
     def action() -> int:
         from headstock.app.scene_reference import render_reference
+        from headstock.pipeline.editor_schema import plain_schema, scene_schema, targets_schema
         from headstock.pipeline.json_texts import dump_json
-        from headstock.pipeline.scene_schema import schema_json
 
-        content = schema_json()
-        typer.echo(render_reference(content) if markdown else dump_json(content), nl=False)
+        content = scene_schema() if kind is SchemaKind.scene else targets_schema()
+        typer.echo(render_reference(plain_schema()) if markdown else dump_json(content), nl=False)
         write_json_file(json, content)
         return 0
 

@@ -1,6 +1,6 @@
 # Sourced by ../headstock: pinned pip packages beside the environment, installed when first asked for.
 
-# install_pip_group GROUP: puts the packages of environment/GROUP.txt on PATH and PYTHONPATH.
+# install_pip_group GROUP: puts the packages of environment/GROUP.txt on PATH and PYTHONPATH; false where they are not to be had.
 install_pip_group() {
     requirements=$project/environment/$1.txt
     key=$({ echo "$root $python"; cat -- "$requirements"; } | sha256sum | cut -c1-12)
@@ -9,8 +9,10 @@ install_pip_group() {
         mkdir -p -- "$cache"
         exec 8>"$cache/pip.lock"
         flock 8
-        [ -d "$group_folder" ] || fill_pip_group "$1"
+        filled=yes
+        [ -d "$group_folder" ] || fill_pip_group "$1" || filled=
         exec 8>&-
+        [ -n "$filled" ] || return 1
     fi
     inner_path=$group_folder/bin:$inner_path
     PYTHONPATH=$PYTHONPATH:$group_folder
@@ -24,7 +26,8 @@ fill_pip_group() {
         --target "$growing" -r "$requirements") >"$log" 2>&1; then
         rm -rf -- "$growing"
         tail -n 15 -- "$log" >&2
-        fail "pip could not install environment/$1.txt; the whole log is $log"
+        say "pip could not install environment/$1.txt; the whole log is $log"
+        return 1
     fi
     mv -- "$growing" "$group_folder"
 }

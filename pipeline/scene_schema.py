@@ -1,9 +1,10 @@
-"""Schema of a whole scene file, and its JSON schema."""
+"""Schema of a whole scene file."""
 
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from headstock.pipeline.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.pipeline.schema_accuracy import AccuracyEntry
 from headstock.pipeline.schema_components import ComponentTable, MaterialTable, OrientationTable
 from headstock.pipeline.schema_connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
@@ -16,18 +17,24 @@ from headstock.pipeline.schema_studies import StudyTable
 from headstock.pipeline.schema_sweeps import SweepTable
 from headstock.pipeline.schema_types import (
     MAX_POSES,
+    RATIO_FORM,
     Count,
     Flag,
+    JsonForm,
     Name,
     Names,
+    OrForm,
     PositiveFrequency,
     PositiveMemory,
     PositiveTime,
+    QuantityPattern,
     RequestTable,
     StrictTable,
     Text,
+    not_both,
     problem,
 )
+from headstock.pipeline.units import ACCELERATION
 
 
 class StaticTable(RequestTable):
@@ -39,6 +46,8 @@ class StaticTable(RequestTable):
 
 class ModalTable(RequestTable):
     """Natural frequencies and modes; six of them unless `count` or `up_to` is given."""
+
+    model_config = not_both("count", "up_to")
 
     count: Count | None = None
     up_to: PositiveFrequency | None = None
@@ -59,16 +68,19 @@ class MapTable(RequestTable):
     count: Annotated[Count, Field(le=6)] = 3
 
 
+_LEFT_OUT = OrForm({"const": False, "description": "left out"})
+
+
 class AnalysesTable(StrictTable):
     """What is computed; `false` leaves an analysis out, in a variant say."""
 
-    static: StaticTable | None = None
-    modal: ModalTable | None = None
-    frf: FrfTable | None = None
-    map: MapTable | None = None
-    contouring: ContouringTable | None = None
-    path: PathTable | None = None
-    control: ControlTable | None = None
+    static: Annotated[StaticTable | None, _LEFT_OUT] = None
+    modal: Annotated[ModalTable | None, _LEFT_OUT] = None
+    frf: Annotated[FrfTable | None, _LEFT_OUT] = None
+    map: Annotated[MapTable | None, _LEFT_OUT] = None
+    contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
+    path: Annotated[PathTable | None, _LEFT_OUT] = None
+    control: Annotated[ControlTable | None, _LEFT_OUT] = None
 
     @field_validator("*", mode="before")
     @classmethod
@@ -97,7 +109,34 @@ def _read_effects(value: object) -> object:
     return dict.fromkeys(value, True) if isinstance(value, list) and all(isinstance(name, str) for name in value) else value
 
 
-Effects = Annotated[dict[Text, Any], BeforeValidator(_read_effects)]
+_RATIOS = {"anyOf": [RATIO_FORM, {"type": "array", "items": RATIO_FORM, "minItems": 1}]}
+_ACCELERATION = {"type": "string", "pattern": QuantityPattern((ACCELERATION,))}
+_EFFECT_FORMS = {
+    **{name: {"type": "boolean"} for name in PLAIN_EFFECTS},
+    "gravity": {
+        "anyOf": [{"type": "boolean"}, _ACCELERATION, {"type": "array", "items": _ACCELERATION, "minItems": 3, "maxItems": 3}],
+        "examples": [True, "9.81 m/s^2"],
+    },
+    "damping": {
+        "anyOf": [
+            {"type": "boolean"},
+            {"type": "object", "properties": {"modal": _RATIOS}, "required": ["modal"], "additionalProperties": False},
+        ],
+        "examples": [True, {"modal": 0.02}],
+    },
+}
+Effects = Annotated[
+    dict[Text, Any],
+    BeforeValidator(_read_effects),
+    JsonForm(
+        {
+            "anyOf": [
+                {"type": "object", "properties": _EFFECT_FORMS, "additionalProperties": False},
+                {"type": "array", "items": {"enum": list(EFFECT_NAMES)}},
+            ]
+        }
+    ),
+]
 
 
 class SceneTable(StrictTable):
@@ -125,8 +164,3 @@ class SceneTable(StrictTable):
     limits: LimitsTable = LimitsTable()
     accuracy: AccuracyEntry | None = None
     free: Flag = False
-
-
-def schema_json() -> dict[str, Any]:
-    """JSON schema of a scene file, as ``headstock schema`` prints it."""
-    return SceneTable.model_json_schema(mode="validation")

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator
 
-from headstock.pipeline.schema_types import Flag, StrictTable, problem, read_share
+from headstock.pipeline.schema_types import RATIO_FORM, Flag, JsonForm, OrForm, StrictTable, problem, read_share
 
 TIGHTEST, LOOSEST = 1e-4, 0.2
 
@@ -19,7 +19,17 @@ def _read_accuracy(value: object) -> float:
 
 
 Accuracy = Annotated[
-    float, BeforeValidator(_read_accuracy), WithJsonSchema({"description": "ratio from 0.0001 to 0.2", "examples": ["1 %", 0.01]})
+    float,
+    BeforeValidator(_read_accuracy),
+    JsonForm(
+        {
+            "description": f"ratio from {TIGHTEST:g} to {LOOSEST:g}",
+            "examples": ["1 %", 0.01],
+            **RATIO_FORM,
+            "minimum": TIGHTEST,
+            "maximum": LOOSEST,
+        }
+    ),
 ]
 
 
@@ -34,4 +44,6 @@ def _wrap_accuracy(value: Any) -> Any:
     return value if isinstance(value, dict) else {"to": value}
 
 
-AccuracyEntry = Annotated[AccuracyTable, BeforeValidator(_wrap_accuracy), Field(description='such as "1 %"')]
+AccuracyEntry = Annotated[
+    AccuracyTable, BeforeValidator(_wrap_accuracy), OrForm({"description": "ratio", "examples": ["1 %"], **RATIO_FORM})
+]

@@ -10,11 +10,13 @@ from headstock.pipeline.schema_types import (
     CountFromZero,
     Direction,
     Flag,
+    JsonForm,
     Length,
     LossFactor,
     Name,
     NotNegativeLength,
     Number,
+    OrForm,
     Position,
     PositiveDensity,
     PositiveFrequency,
@@ -25,6 +27,8 @@ from headstock.pipeline.schema_types import (
     Size,
     StrictTable,
     Text,
+    not_both,
+    one_of,
     problem,
 )
 
@@ -46,7 +50,11 @@ class MaterialTable(StrictTable):
     """An isotropic, linear elastic material."""
 
     E: PositivePressure
-    nu: Annotated[Number, AfterValidator(_check_poisson_ratio)]
+    nu: Annotated[
+        Number,
+        AfterValidator(_check_poisson_ratio),
+        JsonForm({"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}),
+    ]
     rho: PositiveDensity
     loss_factor: LossFactor = 0.0
 
@@ -117,6 +125,8 @@ SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement")
 
 class SolidTable(StrictTable):
     """Exactly one of box, tube, plate, column, step, mesh, superelement; `solid` goes with step, `unit` with mesh."""
+
+    model_config = one_of(*SOLID_KINDS)
 
     box: Size | None = None
     tube: TubeTable | None = None
@@ -195,6 +205,8 @@ class RailTable(StrictTable):
 class InterfaceTable(StrictTable):
     """An area that joints hold on to: one patch written directly, or several in `patches`."""
 
+    model_config = one_of("face", "patches")
+
     face: Text | None = None
     disk: DiskTable | None = None
     rect: RectTable | None = None
@@ -241,13 +253,15 @@ class MeshTable(StrictTable):
     order: Literal[1, 2] = 2
     cells: Literal["tet", "hex"] = "tet"
     across_patches: Annotated[Count, Field(le=100)] = 4
-    growth: Annotated[Number, Field(ge=0.05, le=2.0)] | None = None
+    growth: Annotated[Number, Field(ge=0.05, le=2.0), JsonForm({"type": "number", "minimum": 0.05, "maximum": 2.0})] | None = None
     rim_size: PositiveLength | None = None
     force: Flag = False
 
 
 class ReductionTable(StrictTable):
     """Which fixed-interface modes are kept: up to a frequency or a count."""
+
+    model_config = not_both("modes_to", "modes")
 
     modes_to: PositiveFrequency | None = None
     modes: CountFromZero | None = None
@@ -271,7 +285,7 @@ def _wrap_rotation(value: Any) -> Any:
     return [value] if isinstance(value, dict) else value
 
 
-Rotations = Annotated[list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20)]
+Rotations = Annotated[list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20), OrForm()]
 
 
 class ComponentTable(StrictTable):

@@ -20,6 +20,7 @@ from headstock.pipeline.schema_types import (
     StrictTable,
     Text,
     describe_quantity,
+    not_both,
     problem,
     read_quantity,
 )
@@ -60,6 +61,8 @@ class FrictionTable(StrictTable):
 
 class DriveTable(StrictTable):
     """The drive of an axis through a ball screw, and its control; used with the effect `drive_control`."""
+
+    model_config = not_both("sampling", "dead_time")
 
     axis: Text | None = None
     joint: Text | None = None

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from headstock.pipeline.schema_types import Count, Flag, Name, Names, StrictTable, Text, problem
+from headstock.pipeline.schema_types import Count, Flag, Name, Names, StrictTable, Text, one_of, problem
 from headstock.pipeline.study_points import MAX_POINTS, TRUTH
 from headstock.pipeline.watch_paths import MEASURED_NAMES, WatchError, parse_watch
 
@@ -56,6 +56,8 @@ class FamilyTable(StrictTable):
 
 class StudyTable(StrictTable):
     """Keys of the scene that are varied and results that are watched: every combination is one point, computed like `run` would."""
+
+    model_config = one_of("vary", "families")
 
     vary: Varied | None = None
     set: dict[str, Any] = {}

@@ -2,11 +2,11 @@
 
 from typing import Annotated, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from headstock.pipeline.schema_connections import PoseTable
-from headstock.pipeline.schema_types import AxisPosition, Count, Name, StrictTable, Text, problem
-from headstock.pipeline.units import Quantity
+from headstock.pipeline.schema_types import AxisPosition, Count, JsonForm, Name, QuantityPattern, StrictTable, Text, one_of, problem
+from headstock.pipeline.units import ANGLE, LENGTH, Quantity
 
 MAX_SWEEP_POSES = 100_000
 
@@ -32,7 +32,18 @@ class SpanTable(StrictTable):
 Span = Annotated[
     SpanTable,
     BeforeValidator(_read_span),
-    WithJsonSchema({"type": "array", "examples": [["-100 mm", "100 mm", 21]], "minItems": 3, "maxItems": 3}),
+    JsonForm(
+        {
+            "type": "array",
+            "examples": [["-100 mm", "100 mm", 21]],
+            "prefixItems": [
+                *2 * [{"type": "string", "pattern": QuantityPattern((LENGTH, ANGLE))}],
+                {"type": "integer", "minimum": 1},
+            ],
+            "minItems": 3,
+            "maxItems": 3,
+        }
+    ),
 ]
 Places = Annotated[list[Text | PoseTable], Field(min_length=1, max_length=MAX_SWEEP_POSES)]
 Waypoints = Annotated[list[PoseTable], Field(min_length=2, max_length=1000)]
@@ -48,6 +59,8 @@ class SweepTable(StrictTable):
 
     A path is a list of waypoints, or the name of a CSV file of them.
     """
+
+    model_config = one_of("axes", "poses", "path")
 
     axes: Annotated[dict[Name, Span], Field(min_length=1)] | None = None
     poses: Places | None = None

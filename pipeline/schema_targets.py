@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from headstock.pipeline import units
 from headstock.pipeline.scene_keys import NUMBER
@@ -10,12 +10,16 @@ from headstock.pipeline.schema_types import (
     Count,
     CountFromZero,
     Flag,
+    JsonForm,
     Name,
     Names,
     Number,
+    OrForm,
     PositiveFrequency,
+    QuantityPattern,
     StrictTable,
     Text,
+    describe_quantity,
     problem,
 )
 from headstock.pipeline.units import COMPLIANCE, DIMENSIONS, Quantity, UnitError, parse_quantity
@@ -47,10 +51,14 @@ def _read_spread(*others: units.Dimension) -> Any:
     return read
 
 
-AnyQuantity = Annotated[Quantity, BeforeValidator(_read_any), WithJsonSchema({"type": ["string", "number"]})]
-FrequencySpread = Annotated[Quantity, BeforeValidator(_read_spread(units.FREQUENCY)), WithJsonSchema({"type": "string"})]
-ComplianceSpread = Annotated[Quantity, BeforeValidator(_read_spread(COMPLIANCE)), WithJsonSchema({"type": "string"})]
-RatioSpread = Annotated[Quantity, BeforeValidator(_read_spread()), WithJsonSchema({"type": "string"})]
+AnyQuantity = Annotated[
+    Quantity, BeforeValidator(_read_any), JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)})
+]
+FrequencySpread = Annotated[
+    Quantity, BeforeValidator(_read_spread(units.FREQUENCY)), describe_quantity(units.RATIO, units.FREQUENCY)
+]
+ComplianceSpread = Annotated[Quantity, BeforeValidator(_read_spread(COMPLIANCE)), describe_quantity(units.RATIO, COMPLIANCE)]
+RatioSpread = Annotated[Quantity, BeforeValidator(_read_spread()), describe_quantity(units.RATIO)]
 
 
 def _read_compliance(value: object) -> float:
@@ -60,7 +68,7 @@ def _read_compliance(value: object) -> float:
         raise problem(str(error)) from error
 
 
-Compliance = Annotated[float, BeforeValidator(_read_compliance), WithJsonSchema({"type": "string"})]
+Compliance = Annotated[float, BeforeValidator(_read_compliance), describe_quantity(COMPLIANCE)]
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -149,6 +157,9 @@ class CaseTable(StrictTable):
         return self
 
 
+_ALONE = OrForm({"type": "string", "description": "scene key"})
+
+
 def _read_rule(value: object) -> object:
     return {"key": value} if isinstance(value, str) else value
 
@@ -178,9 +189,9 @@ class ShiftRuleTable(StrictTable):
 class ParameterTable(StrictTable):
     """A number that is fitted, and the scene keys that follow it."""
 
-    keys: Annotated[list[Annotated[SetRuleTable, BeforeValidator(_read_rule)]], Field(max_length=1000)] = []
-    multiplies: Annotated[list[Annotated[PowerRuleTable, BeforeValidator(_read_rule)]], Field(max_length=1000)] = []
-    shifts: Annotated[list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule)]], Field(max_length=1000)] = []
+    keys: Annotated[list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    multiplies: Annotated[list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    shifts: Annotated[list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
     bounds: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)]
     start: AnyQuantity | None = None
     prior: AnyQuantity | None = None

@@ -2,21 +2,23 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, WithJsonSchema
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool
 from pydantic_core import PydanticCustomError
 
 from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.joints import GROUND, JointEnd
 from headstock.pipeline import units
-from headstock.pipeline.units import Dimension, Quantity, UnitError, parse_quantity, show_value
+from headstock.pipeline.units import Dimension, Quantity, Sign, UnitError, parse_quantity, quantity_pattern, show_value
 
 MAX_COUNT = 10_000_000
 MAX_RIBS = 200
 MAX_POSES = 1000
+_THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DIRECTION = re.compile(r"([+-]?)([xyz])")
 
@@ -25,6 +27,16 @@ class StrictTable(BaseModel):
     """A table of the scene: unknown keys are errors, values cannot be changed afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def one_of(*keys: str) -> ConfigDict:
+    """Table of which exactly one of some keys is given; the table checks it too, in words of its own."""
+    return ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in keys]})
+
+
+def not_both(*keys: str) -> ConfigDict:
+    """Table of which some keys do not stand beside each other; the table checks it too, in words of its own."""
+    return ConfigDict(json_schema_extra={"not": {"required": list(keys)}})
 
 
 def problem(message: str) -> PydanticCustomError:
@@ -51,11 +63,58 @@ def _read_float(dimension: Dimension) -> Callable[[object], float]:
     return lambda value: read(value).value
 
 
-def describe_quantity(*dimensions: Dimension) -> WithJsonSchema:
+@dataclass(frozen=True)
+class QuantityPattern:
+    """Stands for the pattern of quantities of some dimensions, which takes the units' definitions to write."""
+
+    dimensions: tuple[Dimension, ...]
+    sign: Sign = "any"
+
+
+def write_form(form: Any) -> Any:
+    """A description for the JSON schema, anew, with the patterns of its quantities."""
+    if isinstance(form, QuantityPattern):
+        return quantity_pattern(*form.dimensions, sign=form.sign)
+    if isinstance(form, Mapping):
+        return {key: write_form(value) for key, value in form.items()}
+    return [write_form(item) for item in form] if isinstance(form, list) else form
+
+
+@dataclass(frozen=True)
+class JsonForm:
+    """How a value stands in the JSON schema where pydantic's own description would refuse what is accepted; a fresh one at each place."""
+
+    form: Mapping[str, Any]
+
+    def __get_pydantic_json_schema__(self, _core: Any, _handler: Any) -> dict[str, Any]:
+        """The description itself."""
+        return dict(write_form(self.form))
+
+
+@dataclass(frozen=True)
+class OrForm:
+    """A value may also be written in another form, as the JSON schema says; ``None`` stands for one item of a list, without brackets."""
+
+    form: Mapping[str, Any] | None = None
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        """Either form."""
+        usual = handler(core)
+        other = usual["items"] if self.form is None else write_form(self.form)
+        return {"anyOf": [usual, other]}
+
+
+def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
     """How such a quantity stands in the JSON schema."""
     names = " or ".join(dimension.name for dimension in dimensions)
-    return WithJsonSchema(
-        {"type": "string", "description": f"{names} with a unit", "examples": [dimension.example for dimension in dimensions]}
+    examples = [dimension.example for dimension in dimensions]
+    return JsonForm(
+        {
+            "type": "string",
+            "description": f"{names} with a unit",
+            "examples": examples,
+            "pattern": QuantityPattern(dimensions, sign),
+        }
     )
 
 
@@ -73,32 +132,59 @@ _POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
 
 Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)]
-PositiveLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, describe_quantity(units.LENGTH)]
-NotNegativeLength = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, describe_quantity(units.LENGTH)]
+PositiveLength = Annotated[
+    float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, describe_quantity(units.LENGTH, sign="positive")
+]
+NotNegativeLength = Annotated[
+    float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, describe_quantity(units.LENGTH, sign="not negative")
+]
 Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), describe_quantity(units.ANGLE)]
 Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)]
-PositivePressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, describe_quantity(units.PRESSURE)]
-PositiveDensity = Annotated[float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, describe_quantity(units.DENSITY)]
-PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, describe_quantity(units.MASS)]
-PositiveFrequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, describe_quantity(units.FREQUENCY)]
-Frequency = Annotated[float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, describe_quantity(units.FREQUENCY)]
-PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, describe_quantity(units.TIME)]
-PositiveMemory = Annotated[float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, describe_quantity(units.MEMORY)]
-PositiveForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, describe_quantity(units.FORCE)]
-PositiveStiffness = Annotated[float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, describe_quantity(units.STIFFNESS)]
+PositivePressure = Annotated[
+    float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, describe_quantity(units.PRESSURE, sign="positive")
+]
+PositiveDensity = Annotated[
+    float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, describe_quantity(units.DENSITY, sign="positive")
+]
+PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, describe_quantity(units.MASS, sign="positive")]
+PositiveFrequency = Annotated[
+    float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, describe_quantity(units.FREQUENCY, sign="positive")
+]
+Frequency = Annotated[
+    float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, describe_quantity(units.FREQUENCY, sign="not negative")
+]
+PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, describe_quantity(units.TIME, sign="positive")]
+PositiveMemory = Annotated[
+    float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, describe_quantity(units.MEMORY, sign="positive")
+]
+PositiveForce = Annotated[
+    float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, describe_quantity(units.FORCE, sign="positive")
+]
+PositiveStiffness = Annotated[
+    float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, describe_quantity(units.STIFFNESS, sign="positive")
+]
 PositiveRotationalStiffness = Annotated[
-    float, BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)), _POSITIVE, describe_quantity(units.ROTATIONAL_STIFFNESS)
+    float,
+    BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)),
+    _POSITIVE,
+    describe_quantity(units.ROTATIONAL_STIFFNESS, sign="positive"),
 ]
 Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
-PositiveSpeed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, describe_quantity(units.SPEED)]
+PositiveSpeed = Annotated[
+    float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, describe_quantity(units.SPEED, sign="positive")
+]
 PositiveAngularSpeed = Annotated[
-    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, describe_quantity(units.ANGULAR_SPEED)
+    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, describe_quantity(units.ANGULAR_SPEED, sign="positive")
 ]
 Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)]
 Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)]
-PositiveInertia = Annotated[float, BeforeValidator(_read_float(units.INERTIA)), _POSITIVE, describe_quantity(units.INERTIA)]
-PositiveRate = Annotated[float, BeforeValidator(_read_float(units.RATE)), _POSITIVE, describe_quantity(units.RATE)]
-NotNegativeForce = Annotated[float, BeforeValidator(_read_float(units.FORCE)), _NOT_NEGATIVE, describe_quantity(units.FORCE)]
+PositiveInertia = Annotated[
+    float, BeforeValidator(_read_float(units.INERTIA)), _POSITIVE, describe_quantity(units.INERTIA, sign="positive")
+]
+PositiveRate = Annotated[float, BeforeValidator(_read_float(units.RATE)), _POSITIVE, describe_quantity(units.RATE, sign="positive")]
+NotNegativeForce = Annotated[
+    float, BeforeValidator(_read_float(units.FORCE)), _NOT_NEGATIVE, describe_quantity(units.FORCE, sign="not negative")
+]
 AxisPosition = Annotated[
     Quantity, BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)), describe_quantity(units.LENGTH, units.ANGLE)
 ]
@@ -113,6 +199,7 @@ JointStiffness = Annotated[
     Quantity | str,
     BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
     describe_quantity(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+    OrForm({"const": "rigid"}),
 ]
 JointDamping = Annotated[
     Quantity,
@@ -140,11 +227,17 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
     return read
 
 
-Number = Annotated[float, BeforeValidator(_read_number), WithJsonSchema({"type": "number"})]
-Count = Annotated[int, BeforeValidator(_read_count(1)), WithJsonSchema({"type": "integer", "minimum": 1})]
-CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), WithJsonSchema({"type": "integer", "minimum": 0})]
-RibCount = Annotated[int, BeforeValidator(_read_count(0, MAX_RIBS)), WithJsonSchema({"type": "integer", "minimum": 0})]
+Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
+Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
+CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})]
+RibCount = Annotated[
+    int, BeforeValidator(_read_count(0, MAX_RIBS)), JsonForm({"type": "integer", "minimum": 0, "maximum": MAX_RIBS})
+]
 Flag = StrictBool
+
+
+# a number, or a text with a number and perhaps a per cent sign
+RATIO_FORM: Mapping[str, Any] = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
 
 
 def read_share(value: object, what: str) -> float:
@@ -166,7 +259,7 @@ def read_share(value: object, what: str) -> float:
     return share
 
 
-_SHARE = WithJsonSchema({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"]})
+_SHARE = JsonForm({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"], **RATIO_FORM, "minimum": 0.0, "maximum": 1.0})
 LossFactor = Annotated[float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE]
 
 NotNegativeShare = Annotated[float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE]
@@ -192,7 +285,16 @@ class RequestTable(StrictTable):
 PortName = Annotated[
     tuple[str, str],
     BeforeValidator(_read_port),
-    WithJsonSchema({"description": "point or component.interface with direction", "examples": [["tcp", "x"], "tcp"]}),
+    JsonForm(
+        {
+            "description": "point or component.interface with direction",
+            "examples": [["tcp", "x"], "tcp"],
+            "anyOf": [
+                {"type": "string", "minLength": 1},
+                {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2},
+            ],
+        }
+    ),
 ]
 
 
@@ -202,7 +304,7 @@ def _read_name(value: object) -> str:
     return value
 
 
-Name = Annotated[str, BeforeValidator(_read_name)]
+Name = Annotated[str, BeforeValidator(_read_name), JsonForm({"type": "string", "pattern": f"^{_NAME.pattern}$"})]
 
 
 def _check_text(value: str) -> str:
@@ -220,7 +322,7 @@ def _wrap(value: Any) -> Any:
 
 Size = Annotated[list[PositiveLength], Field(min_length=3, max_length=3)]
 Position = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Names = Annotated[list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000)]
+Names = Annotated[list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000), OrForm()]
 
 
 def _read_direction(value: object) -> tuple[float, float, float]:
@@ -251,7 +353,13 @@ def show_direction(vector: Iterable[float]) -> str:
 Direction = Annotated[
     tuple[float, float, float],
     BeforeValidator(_read_direction),
-    WithJsonSchema({"description": "x, -z ... or three plain numbers", "examples": ["x", "-z", [1, 0, 0]]}),
+    JsonForm(
+        {
+            "description": "x, -z ... or three plain numbers",
+            "examples": ["x", "-z", [1, 0, 0]],
+            "anyOf": [{"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]}, _THREE_NUMBERS],
+        }
+    ),
 ]
 
 
@@ -269,5 +377,12 @@ def _read_end(value: object) -> JointEnd:
 End = Annotated[
     JointEnd,
     BeforeValidator(_read_end),
-    WithJsonSchema({"type": "string", "description": "component.interface or ground", "examples": ["column.foot", "ground"]}),
+    JsonForm(
+        {
+            "type": "string",
+            "description": "component.interface or ground",
+            "examples": ["column.foot", "ground"],
+            "pattern": rf"^({GROUND}|[^.]+\.[^.]+)$",
+        }
+    ),
 ]

@@ -3,9 +3,11 @@
 import math
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import lru_cache
+from typing import Literal
 
 import pint
 
@@ -51,6 +53,7 @@ _FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
 _UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
 MAX_TEXT = 80
+Sign = Literal["any", "not negative", "positive"]
 LARGEST_BARE = 10**30  # no unit is likely beyond
 
 
@@ -183,6 +186,44 @@ def unit_of(text: str) -> str:
     """The unit in the text of a quantity; empty where there is none."""
     match = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS)))
     return "" if match is None else match[2]
+
+
+@lru_cache(maxsize=256)
+def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
+    """Regular expression of texts that may be a quantity of some dimensions, for the JSON schema: what a pattern can know.
+
+    A single unit must measure one of the dimensions; of products and powers of units only the words are checked.
+    """
+    prefixes, names = _unit_words()
+    wanted = {_resolve_unit(dimension.unit, "")[1] for dimension in dimensions}
+    any_unit, fitting = (
+        f"(?:{_one_of(prefixes)})?(?:{_one_of(chosen)})"
+        for chosen in (names, [name for name in names if _resolve_unit(name, "")[1] in wanted])
+    )
+    power = r"(?:(?:\^|\*\*)-?[1-9]|[²³⁴])"
+    factor = f"{any_unit}{power}?"
+    more = rf"(?:(?:\s*[*/·⋅]\s*|\s+){factor})"
+    single = f"{fitting}|" if any(_resolve_unit(name, "")[1] in wanted for name in names) else ""
+    unit = rf"(?:{single}1\s*/\s*{factor}{more}*|{factor}{more}+|{any_unit}{power})"
+    needed = "?" if "dimensionless" in wanted else ""
+    number = r"[0-9]+\.?[0-9]*|\.[0-9]+" if sign != "positive" else r"[0-9]*[1-9][0-9]*\.?[0-9]*|[0-9]*\.[0-9]*[1-9][0-9]*"
+    return rf"^\s*{'[+-]?' if sign == 'any' else '[+]?'}(?:{number})(?:[eE][+-]?[0-9]{{1,5}})?(?:\s*{unit}){needed}\s*$"
+
+
+@lru_cache(maxsize=1)
+def _unit_words() -> tuple[list[str], list[str]]:
+    """Prefixes and names of units, in every spelling; the two signs for micro are the same letter."""
+    prefixes: list[str] = ["µ"]
+    names: list[str] = []
+    for line in _DEFINITIONS.strip().splitlines():
+        own, _, *others = (part.strip() for part in line.split("="))
+        (prefixes if own.endswith("-") else names).extend(text.rstrip("-") for text in (own, *others))
+    return prefixes, names
+
+
+def _one_of(words: Sequence[str]) -> str:
+    """Alternatives of a regular expression, the longest first."""
+    return "|".join(sorted(map(re.escape, dict.fromkeys(words)), key=lambda text: (-len(text), text)))
 
 
 def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:

@@ -13,8 +13,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine, place_components
 from headstock.geometry.solids import Box, HollowColumn, MeshFile, Plate, SuperelementFile, Tube
+from headstock.pipeline.editor_schema import scene_schema
 from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.scene_schema import schema_json
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
@@ -284,6 +284,6 @@ def test_the_beam_scenes_load_without_warnings(name: str) -> None:
 
 
 def test_the_json_schema_names_every_section_and_is_json() -> None:
-    schema = json.loads(json.dumps(schema_json()))
+    schema = json.loads(json.dumps(scene_schema()))
     assert {"materials", "components", "joints", "axes", "analyses", "variants"} <= set(schema["properties"])
     assert schema["additionalProperties"] is False

@@ -1,4 +1,4 @@
-"""Loops closed by python-control around the same machine: a second road (``./headstock exec --with control ...``)."""
+"""Loops closed by python-control around the same machine: an independent method, where pip could install it (``environment/tests.txt``)."""
 
 import dataclasses
 
