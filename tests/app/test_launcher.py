@@ -81,6 +81,8 @@ class Host:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            # a script that runs the tests in its background has them ignore interrupts, and a shell cannot undo that
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
     def roots(self) -> list[str]:
