@@ -163,7 +163,7 @@ def _print_point(console: Console, name: str, point: Json, pose: str) -> None:
     matrix = point["compliance_um_per_kN"]
     # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
     for column, direction in enumerate("xyz"):
-        moved = show_compliances(matrix, column, errors.get(direction))
+        moved = show_compliances(matrix, column, errors)
         add_row(table, direction, *moved, *([show_bound(matrix[column][column], errors.get(direction))] if known else []))
     print_table(console, f"Static compliance at {name}{f' in pose {pose}' if pose else ''} [µm/kN]", table)
     for direction, shares in shared_budget(point).items():

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from headstock.app.error_texts import show_damping
 from headstock.pipeline.json_texts import Json
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -19,7 +20,7 @@ def list_control(pose: str, control: Json) -> Iterator[Table]:
     yield title, DRIVE_HEADINGS, [_drive_row(name, drive) for name, drive in control["drives"].items()]
 
 
-POLE_HEADINGS = (">no.", ">Hz", ">damping %", ">decays in ms", "drive", "motion")
+POLE_HEADINGS = (">no.", ">Hz", ">damping", ">decays in ms", "drive", "motion")
 DRIVE_HEADINGS = (
     "drive", "encoder", ">kv 1/s", ">kp N s/m", ">motor kg", ">lag µm", ">bandwidth Hz", ">gain margin", ">phase margin °", ">max |S|"
 )  # fmt: skip
@@ -28,7 +29,7 @@ DRIVE_HEADINGS = (
 def _pole_row(number: int, pole: Json) -> tuple[str, ...]:
     decay = "grows" if pole["real"] > 0.0 else "never" if pole["real"] == 0.0 else f"{-1e3 / pole['real']:.4g}"
     hz = "0" if pole["frequency_hz"] == 0.0 else f"{pole['frequency_hz']:.3f}"
-    return str(number), hz, f"{100.0 * pole['damping_ratio']:.3f}", decay, pole["drive"], pole["name"]
+    return str(number), hz, show_damping(pole["damping_ratio"]), decay, pole["drive"], pole["name"]
 
 
 def _drive_row(name: str, drive: Json) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ has at most five significant digits: an error below its last one is shown as les
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
@@ -50,19 +50,21 @@ def show_size(error: float | None) -> str:
     return "?" if size is None else _write(size)
 
 
-def show_compliances(matrix: Sequence[Sequence[float]], column: int, error: float | None) -> list[str]:
-    """Motions in x, y and z under a force in one direction: all to the decimal of the one along the force.
+def show_compliances(matrix: Sequence[Sequence[float]], column: int, errors: Mapping[str, float | None]) -> list[str]:
+    """Motions in x, y and z under a force in one direction; across the force as coarse as along either direction.
 
     Args:
         matrix: ``(3, 3)`` compliances, a column per force.
         column: Direction of the force.
-        error: How far the compliance along the force may be off.
+        errors: Direction to how far the compliance along it may be off; those that are missing are not known.
     """
-    last = _round(matrix[column][column], error).last
-    return [
-        show_bounded(row[column]) if last is None else _write(Decimal(repr(float(row[column]))).quantize(last, ROUND_HALF_EVEN))
-        for row in matrix
-    ]
+    lasts = [_round(matrix[place][place], errors.get(direction)).last for place, direction in enumerate("xyz")]
+    shown = []
+    for row, values in enumerate(matrix):
+        known = [last for last in (lasts[row], lasts[column]) if last is not None]
+        exact = Decimal(repr(float(values[column])))
+        shown.append(_write(exact.quantize(max(known), ROUND_HALF_EVEN)) if known else show_bounded(values[column]))
+    return shown
 
 
 def show_damped(modes: Json, index: int) -> str:

@@ -150,9 +150,10 @@ def _bound(error: float | None, value: float) -> Markup:
     )
 
 
-def _moved(matrix: list[list[float]], row: int, column: int, error: float | None) -> Markup:
-    """An entry of a compliance matrix, to the decimal of the one along the force."""
-    return _data(matrix[row][column], _typeset(show_compliances(matrix, column, error)[row]))
+def _moved(point: Json, row: int, column: int) -> Markup:
+    """An entry of the compliance matrix of a point, rounded with its errors."""
+    matrix = point["compliance_um_per_kN"]
+    return _data(matrix[row][column], _typeset(show_compliances(matrix, column, point["error_um_per_kN"])[row]))
 
 
 def _typeset(text: str) -> str:

@@ -136,6 +136,8 @@ def mode_numbers(modes: Json) -> dict[str, AnyArray]:
 def encode_grid(grid: Grid) -> bytes:
     """A grid as ``.vtu``.
 
+    It is written here since libraries that could take a second and more to import, longer than a small run takes.
+
     Source: VTK file formats, XML unstructured grids with base64 data behind a 64-bit length.
     """
     sizes = np.concatenate([np.full(len(block.cells), block.cells.shape[1], dtype=np.int64) for block in grid.blocks])

@@ -43,7 +43,7 @@ def write_volumes(state: RunState, folder: Path, *, wanted: bool) -> list[str]:
         wanted: Else only those of an earlier run are removed.
 
     Returns:
-        Remarks for the user: components without a volume, and files that were kept.
+        Remarks for the user: elastic components without a volume, and files that were kept.
 
     Raises:
         OutputError: A file cannot be written.
@@ -52,9 +52,9 @@ def write_volumes(state: RunState, folder: Path, *, wanted: bool) -> list[str]:
     remarks: list[str] = []
     if wanted:
         meshes = _find_meshes(state)
-        missing = [name for name in state.reduced if name not in meshes]
+        missing = [name for name in state.reduced if name not in meshes and state.plan.components[name].fidelity == "elastic"]
         if missing:
-            remarks.append(f"no volume of {', '.join(missing)}: not elastic, or without a mesh and shapes in the store")
+            remarks.append(f"no volume of {', '.join(missing)}: there is no mesh or no shape of the interior in the store")
         contents = {f"{file_stem(pose)}.vtu": _encode_pose(state, pose, meshes) for pose in state.motions if meshes}
     return [*remarks, *replace_outputs(folder, VOLUME_FOLDER, contents)]
 

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from headstock.app.console import add_row, describe_position, make_table, print_summary, print_table, shared_budget
-from headstock.app.error_texts import bound_size, show_bound, show_bounded, show_damped, show_damping
+from headstock.app.error_texts import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
 from headstock.app.summary_tables import list_tables
 from headstock.geometry.machines import show_position
 
@@ -134,6 +134,14 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(capsys
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
     assert describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
     assert show_damped(summary["modal"][0], 1) == "overdamped"
+
+
+def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symmetric() -> None:
+    matrix = [[367.92, 0.0, 0.00051], [0.0, 60.812, 0.9], [0.00051, 0.9, 0.59256]]
+    errors = {"x": 0.7, "y": 0.06, "z": 0.00015}
+    shown = [show_compliances(matrix, column, errors) for column in range(3)]
+    assert shown == [["367.9", "0", "0"], ["0", "60.81", "0.90"], ["0", "0.90", "0.59256"]]
+    assert show_compliances(matrix, 0, {}) == ["367.92", "0", "0"]
 
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
