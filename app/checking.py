@@ -7,6 +7,7 @@ from pathlib import Path
 from headstock.app.console import counted, make_console, print_remarks
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.outputs import write_output
+from headstock.pipeline.rigid_checks import find_unheld_motions
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 
@@ -32,8 +33,9 @@ def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    print_remarks([*scene.warnings, *lacking])
-    _write(json_file, path, [], [*scene.warnings, *lacking])
+    warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene)]
+    print_remarks(warnings)
+    _write(json_file, path, [], warnings)
     return 0
 
 

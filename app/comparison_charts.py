@@ -125,11 +125,12 @@ def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
         bar = 0.8 / max(1, len(known))
         for place, name in enumerate(known):
             matrix = variants[name]["static"][point]["compliance_um_per_kN"]
-            values = [matrix[i][i] for i in range(3)]
+            # a free direction has no bar
+            values = [np.nan if matrix[i][i] is None else matrix[i][i] for i in range(3)]
             at = [i - 0.4 + bar * (place + 0.5) for i in range(3)]
             bars = axes.bar(at, values, 0.92 * bar, label=name, color=COLORS[place % len(COLORS)])
             crowded = 3 * len(known) > MOST_UPRIGHT
-            words = [show_digits(value, 3) for value in values]
+            words = ["" if np.isnan(value) else show_digits(value, 3) for value in values]
             axes.bar_label(bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0)
         axes.set_xticks(range(3), [f"d{d}/F{d}" for d in DIRECTIONS])
         axes.set_title(f"compliance at {point} [µm/kN]", fontsize=9, color=INK, loc="left")

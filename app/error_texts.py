@@ -18,16 +18,19 @@ MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
 LEAST_POSITIONAL = -9  # power of ten of the last digit; below it numbers are written with an exponent
 NO_BOUND = "± ?"
+FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
 
 
-def bound_size(value: float, error: float | None) -> float | None:
+def bound_size(value: float | None, error: float | None) -> float | None:
     """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit that the value may have."""
-    size = _round(value, error).size
+    size = None if value is None else _round(value, error).size
     return None if size is None else float(size)
 
 
-def show_bound(value: float, error: float | None) -> str:
-    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error is known."""
+def show_bound(value: float | None, error: float | None) -> str:
+    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error is known; nothing without value."""
+    if value is None:
+        return ""
     found = _round(value, error)
     return NO_BOUND if found.size is None else f"± {'<' if found.below else ''}{_write(found.size)}"
 
@@ -50,20 +53,24 @@ def show_size(error: float | None) -> str:
     return "?" if size is None else _write(size)
 
 
-def show_compliances(matrix: Sequence[Sequence[float]], column: int, errors: Mapping[str, float | None]) -> list[str]:
+def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, errors: Mapping[str, float | None]) -> list[str]:
     """Motions in x, y and z under a force in one direction; across the force as coarse as along either direction.
 
     Args:
-        matrix: ``(3, 3)`` compliances, a column per force.
+        matrix: ``(3, 3)`` compliances, a column per force; None where a free motion leaves it open.
         column: Direction of the force.
         errors: Direction to how far the compliance along it may be off; those that are missing are not known.
     """
-    lasts = [_round(matrix[place][place], errors.get(direction)).last for place, direction in enumerate("xyz")]
+    along = [(matrix[place][place], errors.get(direction)) for place, direction in enumerate("xyz")]
+    lasts = [None if value is None else _round(value, error).last for value, error in along]
     shown = []
     for row, values in enumerate(matrix):
-        known = [last for last in (lasts[row], lasts[column]) if last is not None]
-        exact = Decimal(repr(float(values[column])))
-        shown.append(_write(exact.quantize(max(known), ROUND_HALF_EVEN)) if known else show_bounded(values[column]))
+        known, value = [last for last in (lasts[row], lasts[column]) if last is not None], values[column]
+        if value is None:
+            shown.append(FREE)
+        else:
+            exact = Decimal(repr(float(value)))
+            shown.append(_write(exact.quantize(max(known), ROUND_HALF_EVEN)) if known else show_bounded(value))
     return shown
 
 

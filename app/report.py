@@ -141,10 +141,10 @@ def _bounded(value: float, error: float | None) -> Markup:
     return _data(value, _typeset(show_bounded(value, error)))
 
 
-def _bound(error: float | None, value: float) -> Markup:
+def _bound(error: float | None, value: float | None) -> Markup:
     """An error beside its value; its number is rounded up, which its class says."""
-    if error is None:
-        return Markup('<span class="missing">{}</span>').format(NO_BOUND)
+    if error is None or value is None:
+        return Markup('<span class="missing">{}</span>').format("" if value is None else NO_BOUND)
     return Markup('± <data class="bound" value="{}">{}</data>').format(
         repr(error), _typeset(show_bound(value, error).removeprefix("± "))
     )
@@ -153,7 +153,8 @@ def _bound(error: float | None, value: float) -> Markup:
 def _moved(point: Json, row: int, column: int) -> Markup:
     """An entry of the compliance matrix of a point, rounded with its errors."""
     matrix = point["compliance_um_per_kN"]
-    return _data(matrix[row][column], _typeset(show_compliances(matrix, column, point["error_um_per_kN"])[row]))
+    value, text = matrix[row][column], show_compliances(matrix, column, point["error_um_per_kN"])[row]
+    return Markup('<span class="missing">{}</span>').format(text) if value is None else _data(value, _typeset(text))
 
 
 def _typeset(text: str) -> str:

@@ -19,6 +19,7 @@ from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import Results
+from headstock.pipeline.rigid_checks import find_unheld_motions
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses, list_analyses
 from headstock.pipeline.scene_loader import load_scene
@@ -62,6 +63,8 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
         make_on_root(comm, lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), PARTS)))
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
+            # known at once; what it does to the results is said with them
+            print_remarks(find_unheld_motions(scene))
         results = _run_with_progress(scene, output, comm, volume=request.volume)
         if comm.rank == 0:
             summary = summarise(results)

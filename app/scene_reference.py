@@ -112,6 +112,7 @@ def _show(value: object) -> str:
 
 def _joint_table() -> Iterator[str]:
     yield "Directions are those of the joint: x along `axis` (z for bolted joints and mounts), z along `normal`."
+    yield 'A bearing lets its shaft turn unless `torsion` holds it: `stiffness = { radial = "300 N/um", torsion = "rigid" }`.'
     yield ""
     yield from ["| kind | keys of `stiffness` and `damping` | always held | needs |", "|---|---|---|---|"]
     for kind, rule in KINDS.items():

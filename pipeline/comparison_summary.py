@@ -3,7 +3,7 @@
 import numpy as np
 
 from headstock.pipeline.comparison import Comparison, ModeRow, full_dofs
-from headstock.pipeline.json_texts import Json, check_finite
+from headstock.pipeline.json_texts import Json, check_finite, null_open
 from headstock.pipeline.result_summary import UM_PER_KN
 from headstock.pipeline.variant_solving import Effort, VariantSolution
 from headstock.reduction.compliance_budget import PointBudget, WeakLink
@@ -59,8 +59,8 @@ def _summarise_variant(solution: VariantSolution) -> Json:
 def _summarise_point(name: str, budget: PointBudget, solution: VariantSolution) -> Json:
     what = f"static compliance at {name} in variant {solution.choice.name}"
     return {
-        "compliance_um_per_kN": check_finite(what, budget.compliance[:3, :3] * UM_PER_KN),
-        "compliance_6x6": check_finite(what, budget.compliance),
+        "compliance_um_per_kN": null_open(what, budget.compliance[:3, :3] * UM_PER_KN, free=budget.free),
+        "compliance_6x6": null_open(what, budget.compliance, free=budget.free),
         "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
         "weak_link": {direction: _summarise_link(link) for direction, link in solution.weak_links[name].items()},
     }

@@ -124,10 +124,14 @@ def _machine_entries(summary: Json) -> Iterator[tuple[str, str, Any]]:
     for pose, found in points.items():
         for name, point in found.items():
             where = f"{name} in pose {pose}" if pose else name
-            yield "static compliance", where, point["compliance_um_per_kN"]
+            yield "static compliance", where, _open_as_nan(point["compliance_um_per_kN"])
             # zeros without a load or gravity: a displacement that comes with an effect is a change of all of it
-            yield "displacement under loads", where, [1e6 * value for value in point.get("displacement", [0.0] * 6)[:3]]
+            yield "displacement under loads", where, 1e6 * _open_as_nan(point.get("displacement", [0.0] * 6)[:3])
     for pose, response in summary.get("frf", {}).items():
         for port in response["ports"]:
             if port.get("softest_N_per_um") is not None:
                 yield "dynamic stiffness", f"{' '.join(port['port'])} in pose {pose}", [port["softest_N_per_um"]]
+
+
+def _open_as_nan(values: Any) -> Any:
+    return np.array(values, dtype=object).astype(float)

@@ -58,7 +58,7 @@ KINDS: dict[str, JointKindRule] = {
         {"lateral": (1,), "normal": (2,), "roll": (3,), "pitch": (4,), "yaw": (5,)}, ("lateral", "normal"), needs_axis=True
     ),
     "ball_screw": JointKindRule({"axial": (0,), "torsion": (3,)}, ("axial",), needs_axis=True),
-    "bearing": JointKindRule({"axial": (0,), "radial": (1, 2), "tilt": (4, 5)}, ("radial",), needs_axis=True),
+    "bearing": JointKindRule({"axial": (0,), "radial": (1, 2), "torsion": (3,), "tilt": (4, 5)}, ("radial",), needs_axis=True),
     "bolted": JointKindRule({"shear": (0, 1), "normal": (2,), "tilt": (3, 4), "torsion": (5,)}, ("normal", "shear"), axis_is="z"),
     "mount": JointKindRule(
         {"horizontal": (0, 1), "vertical": (2,), "tilt": (3, 4), "torsion": (5,)}, ("vertical", "horizontal"), axis_is="z"

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machines import position_units
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.pipeline.damped_machines import DAMPING, damp_system, solve_all_modes
+from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.machine_views import component_skin, shift_skins, view_pose
 from headstock.pipeline.mechanism_poses import describe_state
@@ -25,6 +26,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.modal_analysis import ModalResult, keep_lowest, solve_modal
 
 UNSTABLE = 1e-9
+AT_REST = 1e-6  # of the lowest elastic frequency
 
 
 def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
@@ -60,8 +62,9 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     state.static[_pose_name(stage)] = points
     motions = {
         f"{name} {direction}": coupled.basis @ solve_machine_static(coupled, coupled.system.inputs[name, direction]).displacements
-        for name in request.at
-        for direction in DIRECTIONS
+        for name, point in points.items()
+        for axis, direction in enumerate(DIRECTIONS)
+        if not np.isnan(point.compliance[axis, axis])
     }
     _motions(state, stage, coupled).motions.update(motions)
     pushes = {push: shift_skins(coupled, state.skins, stacked[:, None]) for push, stacked in motions.items()}
@@ -127,8 +130,11 @@ def _damping(
         return (None,) * count, (None,) * count
     viscous = equivalent_viscous(damp_system(state, coupled.system, complete), complete)
     damped = solve_damped(viscous, complete, lowest=count)
+    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for roundoff
+    elastic = complete.frequencies_hz[complete.rigid_count :]
+    slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
     for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
-        if pole.real > UNSTABLE * abs(pole):
+        if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
             state.warn(
                 f"a motion near {hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
             )
@@ -137,14 +143,34 @@ def _damping(
 
 def _point_compliance(state: RunState, coupled: CoupledMachine, name: str) -> PointCompliance:
     found = point_budget(coupled, name)
-    softest = DIRECTIONS[int(np.argmax(np.diag(found.compliance)[:3]))]
+    along = np.diag(found.compliance)[:3]
+    softest = DIRECTIONS[int(np.nanargmax(along))]
     link = find_weakest_link(coupled, name, softest, found)
-    displacement = None
-    if coupled.loads:
-        motion = solve_machine_static(coupled, np.sum(list(coupled.loads.values()), axis=0)).displacements
-        displacement = np.array([coupled.system.outputs[name, dof] @ motion for dof in DOF_NAMES])
     errors = estimate_compliance_errors(state, coupled, found.displacements)
-    return PointCompliance(found.compliance, found.shares, "" if link is None else str(link), displacement, errors)
+    errors |= {direction: Estimate() for direction, value in zip(DIRECTIONS, along, strict=True) if np.isnan(value)}
+    motions = tuple(str(motion) for motion in find_free_motions(coupled)) if found.free else ()
+    if motions:
+        state.warn(
+            f"static analysis: nothing holds {'; '.join(motions)}, so a load at {name} that does work on it has no answer (free); "
+            "the others have theirs"
+        )
+    sentence = "" if link is None else str(link)
+    return PointCompliance(found.compliance, found.shares, sentence, _displacement(state, coupled, name), errors, motions)
+
+
+def _displacement(state: RunState, coupled: CoupledMachine, name: str) -> FloatArray | None:
+    """Motion ``(6,)`` of a point under all static loads together, NaN where a free motion leaves it open; None without an answer."""
+    if not coupled.loads:
+        return None
+    try:
+        found = solve_machine_static(coupled, np.sum(list(coupled.loads.values()), axis=0))
+    except ModelError as error:
+        message = f"displacements under the loads {', '.join(coupled.loads)}: {error}"
+        if message not in state.failures:
+            state.failures.append(message)
+        return None
+    rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
+    return np.where(found.determines(rows), rows @ found.displacements, np.nan)
 
 
 def _free_motion_warning(state: RunState, coupled: CoupledMachine, rigid_count: int) -> str | None:

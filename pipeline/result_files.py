@@ -86,9 +86,11 @@ def _fill(file: h5py.File, results: Results) -> None:
     cases = [(pose, name, point) for pose, points in results.static.items() for name, point in points.items()]
     for pose, name, point in cases:
         group = file.create_group(f"static/{pose}/{name}")
-        group["compliance"] = check_finite(f"static compliance at {name}", point.compliance)
-        if point.displacement is not None:
-            group["displacement"] = check_finite(f"static displacement at {name}", point.displacement)
+        for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
+            if values is not None:
+                # with free motions NaN stands for what they leave open
+                check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values)
+                group[what] = values
     for name, stiffness in results.joint_springs.items():
         file[f"joints/{name}/stiffness"] = stiffness
     if results.labels:

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.frf_results import summarise_response
-from headstock.pipeline.json_texts import Json, check_finite
+from headstock.pipeline.json_texts import Json, check_finite, null_open
 from headstock.pipeline.path_results import summarise_path
 from headstock.pipeline.results import ComponentFacts, PointCompliance, PoseModes, ProbeResponse, Results
 from headstock.pipeline.stages import StageRecord
@@ -104,10 +104,11 @@ def _summarise_component(facts: ComponentFacts) -> Json:
 
 
 def _summarise_point(name: str, point: PointCompliance) -> Json:
-    what = f"static compliance at {name}"
+    what, free = f"static compliance at {name}", bool(point.free_motions)
     summary: Json = {
-        "compliance_um_per_kN": check_finite(what, point.compliance[:3, :3] * UM_PER_KN),
-        "compliance_6x6": check_finite(what, point.compliance),
+        "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
+        "compliance_6x6": null_open(what, point.compliance, free=free),
+        "free_motions": list(point.free_motions),
         "budget": {
             direction: dict(zip(shares, check_finite(f"budget at {name}", list(shares.values())), strict=True))
             for direction, shares in point.budget.items()
@@ -121,7 +122,7 @@ def _summarise_point(name: str, point: PointCompliance) -> Json:
         "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
     }
     if point.displacement is not None:
-        summary["displacement"] = check_finite(f"displacement of {name} under the static loads", point.displacement)
+        summary["displacement"] = null_open(f"displacement of {name} under the static loads", point.displacement, free=free)
     return summary
 
 

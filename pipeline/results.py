@@ -41,11 +41,12 @@ class PointCompliance:
     """Static compliance at a named point, tool relative to work, machine axes.
 
     Attributes:
-        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz.
+        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz; NaN where a free motion leaves it open.
         budget: Direction x, y, z to share of the compliance per component or joint; shares sum to 1.
         sentence: What it says about the weak link.
-        displacement: ``(6,)`` motion under the scene's static loads [m, rad]; None without loads.
+        displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free motion leaves it open; None without loads.
         errors: Direction x, y, z to how far the compliance in it may be off [m/N].
+        free_motions: Motions of the machine that nothing holds.
     """
 
     compliance: FloatArray
@@ -53,6 +54,7 @@ class PointCompliance:
     sentence: str = ""
     displacement: FloatArray | None = None
     errors: dict[str, Estimate] = field(default_factory=dict)
+    free_motions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.reduction.body_motions import join_names, rigid_dofs, split_number
 from headstock.reduction.coupling import CoupledMachine
-from headstock.reduction.free_motions import solve_machine_static
+from headstock.reduction.free_motions import free_motion_error
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.static_response import solve_static
+from headstock.solvers.static_response import solve_balanced
 
 BUDGET_LIMIT = 1e-9
 DIRECTIONS = ("x", "y", "z")
@@ -21,15 +21,18 @@ class PointBudget:
     """Compliance of the tool against the work, and its make-up.
 
     Attributes:
-        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes.
+        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes; NaN where the load does work on a
+            free motion of the machine, or the motion is part of one.
         shares: For x, y and z the share of each component and joint in that direction's compliance; each sums to 1. Empty for
             a direction in which nothing gives way.
-        displacements: ``(n, 6)`` responses to the unit loads.
+        displacements: ``(n, 6)`` responses to the unit loads; zero where there is none.
+        free: The machine has free motions that loads at the point do work on.
     """
 
     compliance: FloatArray
     shares: dict[str, dict[str, float]]
     displacements: FloatArray
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,10 +76,9 @@ def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
     """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit load between them.
 
     Raises:
-        ModelError: There is no such point, or the machine is a mechanism.
+        ModelError: There is no such point, or every force there does work on a free motion of the machine.
     """
-    loads = point_loads(coupled, point)
-    return _observe(coupled, point, solve_machine_static(coupled, loads).displacements)
+    return _solve_point(coupled, point)[0]
 
 
 def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
@@ -85,17 +87,28 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum over components and joints.
 
     Raises:
-        ModelError: There is no such point, or the machine is a mechanism.
+        ModelError: There is no such point, or every force there does work on a free motion of the machine.
         AccuracyError: The energies do not add up to the work of the load.
     """
-    displacements = solve_machine_static(coupled, point_loads(coupled, point)).displacements
-    compliance = _observe(coupled, point, displacements)
-    shares = {}
+    compliance, displacements = _solve_point(coupled, point)
+    shares: dict[str, dict[str, float]] = {}
     energies = strain_energies(coupled, displacements[:, : len(DIRECTIONS)])
     for i, direction in enumerate(DIRECTIONS):
         own = {name: float(values[i]) for name, values in energies.items()}
-        shares[direction] = _shares(own, 0.5 * float(compliance[i, i]), f"{point} {direction}")
-    return PointBudget(compliance, shares, displacements)
+        # a load that does work on a free motion has no answer, so nothing has a share in it
+        work = 0.5 * float(np.nan_to_num(compliance[i, i]))
+        shares[direction] = _shares(own, work, f"{point} {direction}")
+    return PointBudget(compliance, shares, displacements, bool(np.isnan(compliance).any()))
+
+
+def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, FloatArray]:
+    """Compliance ``(6, 6)``, NaN where a free motion leaves it open, and displacements ``(n, 6)``."""
+    found = solve_balanced(coupled.system, point_loads(coupled, point))
+    if not found.balanced[: len(DIRECTIONS)].any():
+        raise free_motion_error(coupled)
+    rows = np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
+    known = found.determines(rows)[:, None] & found.balanced
+    return np.where(known, rows @ found.displacements, np.nan), found.displacements
 
 
 def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
@@ -176,7 +189,7 @@ def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budge
     stiffened = dataclasses.replace(
         coupled.system, stiffness=coupled.system.stiffness + np.sum([_own_stiffness(coupled, name) for name in members], axis=0)
     )
-    changed = float(row @ solve_static(stiffened, load).displacements)
+    changed = float(row @ solve_balanced(stiffened, load[:, None]).displacements[:, 0])
     change = changed / float(budget.compliance[axis, axis]) - 1.0
     return WeakLink(join_names(members), direction, sum(shares[name] for name in members), change, len(members) > 1)
 
@@ -189,10 +202,6 @@ def _own_stiffness(coupled: CoupledMachine, name: str) -> FloatArray:
         spring = next(spring for spring in coupled.joint_springs if spring.name == name)
         rows, stiffness = spring.rows, spring.stiffness
     return np.asarray(rows.T @ stiffness @ rows)
-
-
-def _observe(coupled: CoupledMachine, point: str, displacements: FloatArray) -> FloatArray:
-    return np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES]) @ displacements
 
 
 def _shares(energies: dict[str, float], work: float, what: str) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """Motions of a machine that nothing holds: which bodies move, and how."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
@@ -10,7 +10,7 @@ from headstock.reduction.body_motions import MOTION_NAMES, join_names, split_mot
 from headstock.reduction.coupling import CoupledMachine
 from headstock.solvers.errors import ModelError
 from headstock.solvers.null_space import find_null_space
-from headstock.solvers.static_response import StaticResult, solve_static
+from headstock.solvers.static_response import BalancedResult, solve_balanced
 
 MOVING_SHARE = 1e-6
 RANK_TOLERANCE = 1e-9
@@ -54,28 +54,30 @@ def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
     return tuple(motions)
 
 
-def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> StaticResult:
-    """Static displacements of a coupled machine.
+def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> BalancedResult:
+    """Static displacements of a coupled machine under loads that do no work on its free motions.
 
     Args:
         coupled: The machine.
         loads: ``(n,)`` or ``(n, m)`` generalised loads.
 
     Raises:
-        ModelError: The machine is a mechanism; every free motion is named with the bodies that move.
+        ModelError: A load does work on a free motion; every free motion is named with the bodies that move.
         AccuracyError: The residual is too large.
     """
-    try:
-        return solve_static(coupled.system, loads)
-    except ModelError as error:
-        motions = find_free_motions(coupled)
-        if not motions:
-            raise
-        raise ModelError(
-            f"{len(motions)} rigid motion(s) are free, so there is no static answer: "
-            f"{'; '.join(str(motion) for motion in motions)}. "
-            "Hold them by a joint or a support"
-        ) from error
+    found = solve_balanced(coupled.system, loads[:, None] if loads.ndim == 1 else loads)
+    if not found.balanced.all():
+        raise free_motion_error(coupled)
+    return replace(found, displacements=found.displacements.reshape(loads.shape))
+
+
+def free_motion_error(coupled: CoupledMachine) -> ModelError:
+    """What to say where a load does work on free motions, which are named."""
+    motions = find_free_motions(coupled)
+    return ModelError(
+        f"{len(motions)} rigid motion(s) are free and the loads do work on them, so there is no static answer: "
+        f"{'; '.join(str(motion) for motion in motions)}. Hold them by a joint or a support"
+    )
 
 
 def _stack_rigid(coupled: CoupledMachine, shape: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from headstock.solvers.symmetric_matrices import is_symmetric
 REAL_POLE = 1e-9
 MASSLESS_CONDITION = 1e14
 LOWEST_TOLERANCE = 1e-10  # of a pole, where only the lowest are computed
-MASSLESS_DAMPING = 1e-9  # share of the damping that dofs without mass may feel: roundoff
+MASSLESS_DAMPING = 1e-9  # share of the damping that dofs without mass, or rigid motions, may feel: roundoff
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +69,26 @@ def solve_damped(system: SecondOrderSystem, undamped: ModalResult | None = None,
     squares[: modes.rigid_count] = 0.0
     damping = np.zeros((count, count)) if system.damping is None else modes.shapes.T @ system.damping @ modes.shapes
     damping = 0.5 * (damping + damping.T) if is_symmetric(damping) else damping
-    few = (
-        None
-        if lowest is None or not is_symmetric(damping)
-        else find_lower_poles(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
+    # a rigid motion that no damper resists is at rest exactly: solved for, roundoff would let it grow
+    rest = modes.rigid_count if _is_undamped(damping, modes.rigid_count) else 0
+    poles, shapes = _elastic_poles(squares[rest:], damping[rest:, rest:], None if lowest is None else max(1, lowest - rest))
+    resting = np.repeat(np.eye(count, rest), 2, axis=1)
+    poles, shapes = (
+        np.concatenate([np.zeros(2 * rest), poles]),
+        np.hstack([resting, np.vstack([np.zeros((rest, len(poles))), shapes])]),
     )
-    poles, shapes = state_eigenpairs(squares, damping) if few is None else few
     return _sort_poles(poles, shapes, modes.shapes)
+
+
+def _is_undamped(damping: FloatArray, rigid_count: int) -> bool:
+    return bool(np.abs(damping[:rigid_count]).max(initial=0.0) <= MASSLESS_DAMPING * np.abs(damping).max(initial=0.0))
+
+
+def _elastic_poles(squares: FloatArray, damping: FloatArray, lowest: int | None) -> tuple[ComplexArray, ComplexArray]:
+    few = None
+    if lowest is not None and is_symmetric(damping):
+        few = find_lower_poles(squares, damping, lowest, tolerance=LOWEST_TOLERANCE)
+    return state_eigenpairs(squares, damping) if few is None else few
 
 
 def _require_complete(system: SecondOrderSystem, modes: ModalResult) -> None:

@@ -97,7 +97,7 @@ class DamperSum:
             matrix = np.asarray(np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex)
             loads = self.loads[own] - local @ forces[:, len(own) :]
             rows = self.rows[:, own] - pushed[line] @ forces[:, : len(own)]
-            found[line] += self._solve_near(matrix, rows, loads, float(square[line, 0]))
+            found[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
         return found
 
     def _solve_near(

@@ -7,13 +7,14 @@ import numpy as np
 from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpocon, dpotrf
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.null_space import EPS, PIVOT_FACTOR, find_null_space
+from headstock.solvers.null_space import EPS, PIVOT_FACTOR, NullSpace, find_null_space
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.symmetric_matrices import is_symmetric, require_symmetric
 
 RESIDUAL_LIMIT = 1e-10
+WORK_LIMIT = 1e-9  # of the size of load and motion: less work than this is roundoff
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,73 @@ def solve_static(system: SecondOrderSystem, loads: FloatArray) -> StaticResult:
             "look for joint stiffnesses that differ by more than 14 decades"
         )
     return StaticResult(displacements.reshape(loads.shape), residual)
+
+
+@dataclass(frozen=True, eq=False)
+class BalancedResult:
+    """Static displacements of a system that may leave motions free.
+
+    Attributes:
+        displacements: ``(n, m)``; of several answers that differ by a free motion the one with the dofs ``free.pinned`` at rest, zero
+            for a load that has none.
+        balanced: ``(m,)`` the load does no work on the free motions, so that it has an answer.
+        free: The free motions.
+        weights: ``(n,)`` stiffness of each dof, by which motions and loads in different units are compared.
+    """
+
+    displacements: FloatArray
+    balanced: BoolArray
+    free: NullSpace
+    weights: FloatArray
+
+    def determines(self, rows: FloatArray) -> BoolArray:
+        """Whether outputs ``(k, n)`` are the same in all answers: they do not move in a free motion."""
+        return _does_no_work(rows.T, self.free.vectors, self.weights)
+
+
+def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResult:
+    """Static displacements under those loads that do no work on the motions that nothing holds.
+
+    Args:
+        system: Symmetric where motions are free.
+        loads: ``(n, m)`` generalised loads.
+
+    Raises:
+        ModelError: The system is statically unstable.
+        AccuracyError: The residual is too large.
+
+    Source: Geradin and Rixen (2015), section 2.6 (solvability condition and pseudo-inverse of a free structure).
+    """
+    weights = np.array(system.stiffness.diagonal())
+    every = np.ones(loads.shape[1], dtype=bool)
+    try:
+        found = solve_static(system, loads).displacements
+        return BalancedResult(
+            found, every, NullSpace(np.zeros((len(weights), 0)), np.zeros(0, int), np.arange(len(weights))), weights
+        )
+    except ModelError:
+        null = find_null_space(system.stiffness)
+        if not null.dimension:
+            raise
+    weights = np.where(weights > 0.0, weights, np.median(weights[weights > 0.0]) if (weights > 0.0).any() else 1.0)
+    balanced = _does_no_work(loads, null.vectors, weights)
+    held = np.ix_(null.free, null.free)
+    inner = SecondOrderSystem(
+        system.mass[held], None, system.stiffness[held], {}, {}, tuple(system.labels[int(dof)] for dof in null.free)
+    )
+    displacements = np.zeros(loads.shape)
+    if balanced.any():
+        displacements[np.ix_(null.free, np.flatnonzero(balanced))] = solve_static(
+            inner, loads[null.free][:, balanced]
+        ).displacements
+    return BalancedResult(displacements, balanced, null, weights)
+
+
+def _does_no_work(loads: FloatArray, motions: FloatArray, weights: FloatArray) -> BoolArray:
+    """Whether each load ``(n, m)`` does no work on any motion ``(n, r)`` but roundoff."""
+    size = np.sqrt(weights)[:, None]
+    reach = np.linalg.norm(motions * size, axis=0)[:, None] * np.linalg.norm(loads / size, axis=0)
+    return np.asarray((np.abs(motions.T @ loads) <= WORK_LIMIT * reach).all(axis=0))
 
 
 def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray:

@@ -147,7 +147,7 @@ def test_what_cannot_be_compared_ends_with_2_and_writes_nothing(
 def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene.write_text(SCENE.replace('torsion = "4 kN m/mrad"', 'torsion = "0 N m/rad"'))
+    scene.write_text(SCENE.replace('vertical = "200 N/um", horizontal = "60 N/um"', 'vertical = "0 N/um", horizontal = "0 N/um"'))
     assert main(["compare", str(scene), "-o", str(tmp_path / "out"), "--variants", "R"]) == 1
     printed = capsys.readouterr().out
     assert "failed: R: static analysis" in printed and "Natural frequencies" in printed

@@ -101,7 +101,9 @@ def test_a_bound_at_which_a_part_cannot_be_built_is_bad_input(
 
 def test_a_fit_that_cannot_start_is_a_named_failure(files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]) -> None:
     scene, targets, output = files
-    Path(scene).write_text(SCENE.replace('rz = "18e6 N m/rad"', 'rz = "0 N m/rad"').replace('z = "200 N/um"', 'z = "0 N/um"'))
+    Path(scene).write_text(
+        SCENE.replace('rz = "18e6 N m/rad"', 'rz = "0 N m/rad"').replace('normal = "50 N/um"', 'normal = "0 N/um"')
+    )
     assert main(["identify", scene, targets, "-o", str(output)]) == 1
     problem = capsys.readouterr().err
     assert "ConvergenceError: none of 1 start(s) could be computed" in problem

@@ -5,7 +5,7 @@ import pytest
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machines import Pose, orient_machine
-from headstock.reduction.compliance_budget import point_compliance
+from headstock.reduction.compliance_budget import find_weakest_link, point_budget, point_compliance
 from headstock.reduction.coupling import couple
 from headstock.reduction.free_motions import find_free_motions
 from headstock.reduction.mode_naming import name_modes
@@ -59,12 +59,34 @@ def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_al
     assert soft.frequencies_hz[0] == pytest.approx(np.sqrt(1e-3 / 70.0) / (2 * np.pi), rel=0.2)
 
 
-def test_a_static_solution_is_refused_with_the_motions_and_bodies_named():
-    coupled = couple(*machine_with_free((0, 5)), HOME)
-    with pytest.raises(ModelError, match=r"2 rigid motion\(s\) are free") as caught:
+def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named():
+    coupled = couple(*machine_with_free((0, 1, 2, 5)), HOME)
+    with pytest.raises(ModelError, match=r"4 rigid motion\(s\) are free") as caught:
         point_compliance(coupled, "tcp")
     assert "X translation of" in str(caught.value) and "C rotation of" in str(caught.value)
     assert "slider" in str(caught.value) and "column" in str(caught.value) and "bed" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dofs", [(0,), (5,), (0, 5), (3,), (2, 4)])
+def test_loads_that_do_no_work_on_the_free_motions_have_the_answer_of_a_very_soft_spring_in_place_of_none(dofs):
+    found = point_compliance(couple(*machine_with_free(dofs), HOME), "tcp")
+    parts, machine = machine_with_free(dofs)
+    machine.joints["guide"].stiffness[list(dofs), list(dofs)] = 1.0
+    soft = point_compliance(couple(parts, machine, HOME), "tcp")
+    answered = ~np.isnan(found)
+    assert (np.abs(np.diag(soft)) > 1e-2).tolist() == (~np.diag(answered)).tolist()
+    np.testing.assert_allclose(found[answered], soft[answered], rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", [Frame(), ODD], ids=["straight", "turned"])
+def test_a_free_turn_about_the_tool_leaves_the_forces_through_it_alone(frame):
+    superelements, machine = machine_with_free((5,))
+    coupled = couple(superelements, orient_machine(machine, frame), HOME)
+    budget = point_budget(coupled, "tcp")
+    assert not np.isnan(budget.compliance[:3, :3]).any()
+    assert np.isnan(np.linalg.norm(budget.compliance[3:, 3:]))
+    assert budget.free and sum(budget.shares["x"].values()) == pytest.approx(1.0, abs=1e-9)
+    assert find_weakest_link(coupled, "tcp", "x", budget).change < 0.0
 
 
 def test_the_solver_alone_refuses_a_mechanism_too():

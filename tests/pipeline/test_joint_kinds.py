@@ -1,9 +1,13 @@
 """Joint kinds hold, free and spring the dofs they are named for."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from headstock.pipeline.joint_kinds import KINDS, build_joint, find_joint_faults, joint_rotation
+from headstock.pipeline.rigid_checks import find_unheld_motions
+from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.schema_connections import JointTable
 
 K = "1 N/um"
@@ -29,6 +33,8 @@ def make_table(kind: str, **keys: object) -> JointTable:
         ),
         ("ball_screw", {"axis": "z", "stiffness": {"axial": K, "torsion": R}}, (), [1e6, 0, 0, 5, 0, 0]),
         ("bearing", {"axis": "z", "stiffness": {"radial": K, "axial": "3 N/um", "tilt": R}}, (), [3e6, 1e6, 1e6, 0, 5, 5]),
+        ("bearing", {"axis": "z", "stiffness": {"radial": K, "torsion": "rigid"}}, (3,), [0, 1e6, 1e6, 0, 0, 0]),
+        ("bearing", {"axis": "z", "stiffness": {"radial": K, "torsion": R}}, (), [0, 1e6, 1e6, 5, 0, 0]),
         ("bolted", {"stiffness": {"normal": K, "shear": "2 N/um", "torsion": R}}, (), [2e6, 2e6, 1e6, 0, 0, 5]),
         ("mount", {"stiffness": {"vertical": K, "horizontal": "2 N/um", "tilt": R}}, (), [2e6, 2e6, 1e6, 5, 5, 0]),
         ("revolute", {"axis": "z"}, (0, 1, 2, 4, 5), [0, 0, 0, 0, 0, 0]),
@@ -82,3 +88,51 @@ def test_negative_values_need_to_be_allowed() -> None:
 def test_damping_of_a_held_dof_is_refused() -> None:
     table = make_table("spring", stiffness={"x": "rigid"}, damping={"x": "1 N s/m"})
     assert "does nothing" in find_joint_faults(table)[0].message
+
+
+SPINDLE = """
+name = "spindle"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.shaft]
+solid = { box = ["40 mm", "40 mm", "200 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "0 mm"]
+interfaces = { nose = { face = "z-" }, rear = { face = "z+" } }
+[joints.front]
+between = ["ground", "shaft.rear"]
+kind = "bearing"
+axis = "z"
+at = ["0 mm", "0 mm", "60 mm"]
+stiffness = { radial = "300 N/um", axial = "200 N/um", %s }
+[joints.back]
+between = ["ground", "shaft.rear"]
+kind = "bearing"
+axis = "z"
+at = ["%s mm", "0 mm", "180 mm"]
+stiffness = { radial = "200 N/um" }
+[points]
+tcp = { tool = "shaft.nose", work = "ground" }
+[analyses.static]
+"""
+
+
+@pytest.mark.parametrize(
+    ("held", "offset", "free"),
+    [
+        ('tilt = "1 N m/rad"', 0, "nothing holds C rotation of shaft"),
+        ('torsion = "rigid"', 0, None),
+        ('torsion = "1 N m/rad"', 0, None),
+        # bearings that do not lie on one axis hold each other's turn
+        ('tilt = "1 N m/rad"', 5, None),
+    ],
+)
+def test_a_spindle_that_may_turn_is_known_before_any_mesh(held: str, offset: int, free: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "spindle.toml"
+    path.write_text(SPINDLE % (held, offset))
+    found = find_unheld_motions(load_scene(path))
+    assert len(found) == (0 if free is None else 1)
+    if free is not None:
+        assert free in found[0] and "a static load that does work on that has no answer" in found[0]

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -240,14 +240,34 @@ def test_an_imported_superelement_gives_what_the_component_itself_gives(tmp_path
     assert results.components["column"].fidelity == "superelement"
 
 
+def slide_freely(scene: Scene, directions: Sequence[int]) -> Scene:
+    stiffness = np.diag([1e8, 1e8, 2e8, 1e6, 1e6, 1e6])
+    stiffness[directions, directions] = 0.0
+    slide = dataclasses.replace(scene.machine.joints["mount"], stiffness=stiffness)
+    return change_machine(scene, joints={**scene.machine.joints, "mount": slide})
+
+
 def test_a_mechanism_is_refused_by_the_static_analysis_and_shown_by_the_modal_one(tmp_path: Path) -> None:
-    scene = make_scene()
-    slide = dataclasses.replace(scene.machine.joints["mount"], stiffness=np.diag([0.0, 1e8, 2e8, 1e6, 1e6, 1e6]))
-    results = run(change_machine(scene, joints={**scene.machine.joints, "mount": slide}), tmp_path)
+    results = run(slide_freely(make_scene(), [0, 1, 2]), tmp_path)
     assert results.static == {}
     assert len(results.failures) == 1 and "static" in results.failures[0]
-    assert results.modal[0].rigid_count == 1
+    assert results.modal[0].rigid_count == 3
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def test_the_displacement_under_a_load_that_does_work_on_a_free_motion_fails_and_the_compliance_across_it_stays(
+    tmp_path: Path,
+) -> None:
+    scene = slide_freely(make_scene(modal=False), [0])
+    results = {}
+    for axis, vector in {"x": (100.0, 0.0, 0.0, 0.0, 0.0, 0.0), "y": (0.0, 100.0, 0.0, 0.0, 0.0, 0.0)}.items():
+        force = Load("push", "column", "force", interface="tip", vector=vector)
+        results[axis] = run(change_machine(scene, loads={"push": force}), tmp_path / axis)
+    along, across = (results[axis].static["reference"]["tcp"] for axis in "xy")
+    assert "X translation of" in results["x"].failures[0] and along.displacement is None
+    assert not results["y"].failures and across.displacement is not None and np.isnan(across.displacement[0])
+    np.testing.assert_allclose(across.displacement[1:], 100.0 * across.compliance[1:, 1], rtol=1e-9, atol=1e-15)
+    assert along.compliance[1, 1] == across.compliance[1, 1] > 0.0 and np.isnan(along.compliance[0]).all()
 
 
 def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> None:

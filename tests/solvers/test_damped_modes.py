@@ -94,3 +94,21 @@ def test_a_negative_damper_on_a_high_mode_is_seen_when_only_the_lowest_are_wante
     damping = system.damping.copy() if system.damping is not None else np.zeros((150, 150))
     damping[149, 149] = -50.0
     assert solve_damped(_system(system.mass, damping, stiffness), lowest=8).poles.real.max() > 1.0
+
+
+@pytest.mark.parametrize("brake", [0.0, 3.0])
+def test_a_free_motion_is_at_rest_or_comes_to_rest_and_never_grows(brake: float) -> None:
+    """Two bodies on a spring with a damper, free to move together, on stiff and soft springs inside; a brake to ground or none."""
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        springs = 10.0 ** random.uniform(4.0, 9.0, 11)
+        stiffness = np.diag(np.append(springs, 0.0) + np.append(0.0, springs)) - np.diag(springs, 1) - np.diag(springs, -1)
+        line = np.zeros(12)
+        line[[2, 7]] = 1.0, -1.0
+        damping = 300.0 * np.outer(line, line)
+        damping[0, 0] += brake
+        found = solve_damped(_system(np.diag(random.uniform(0.5, 5.0, 12)), damping, stiffness))
+        slowest = np.abs(found.poles[found.frequencies_hz > 0.0]).min()
+        assert found.poles.real.max() <= 1e-6 * slowest
+        if not brake:
+            assert (found.poles[:2] == 0.0).all() and found.poles.real.max() <= 0.0

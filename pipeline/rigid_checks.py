@@ -1,0 +1,68 @@
+"""What moves freely in a machine, from rigid bodies and joints alone: known before anything is meshed."""
+
+import dataclasses
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.joints import Joint
+from headstock.geometry.solids import MeshFile, SuperelementFile
+from headstock.meshing.component_meshing import describe_component
+from headstock.pipeline.planner import choose_poses
+from headstock.pipeline.scene import Scene
+from headstock.reduction.compliance_budget import point_budget
+from headstock.reduction.coupling import CoupledMachine, couple
+from headstock.reduction.free_motions import find_free_motions
+from headstock.reduction.rigid_reduction import reduce_rigid
+from headstock.solvers.errors import ModelError
+
+
+def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
+    """A warning for a machine in which bodies may move that are not declared free; empty without.
+
+    Elastic bodies have the free motions of rigid ones on the same joints. Nothing is said where that would take a mesh: imported parts,
+    supports on faces or points, mechanisms.
+    """
+    try:
+        coupled = _couple_rigid(scene)
+    except HeadstockError:
+        # a solid or a joint that cannot be built is the matter of its own stage
+        return ()
+    if coupled is None:
+        return ()
+    motions = [
+        motion for motion in find_free_motions(coupled) if not all(scene.machine.components[name].free for name in motion.bodies)
+    ]
+    if not motions:
+        return ()
+    text = f"nothing holds {'; '.join(str(motion) for motion in motions)}"
+    if scene.analyses.static is None:
+        return (f"{text}: no frequency and no static answer belongs to that; hold it by a joint if that is not meant",)
+    refused = [name for name in scene.analyses.static.at if _has_no_answer(coupled, name)]
+    if refused:
+        return (
+            f"{text}: every force at {', '.join(refused)} does work on that, so there will be no static answer; hold it by a joint",
+        )
+    return (f"{text}: a static load that does work on that has no answer, others have theirs",)
+
+
+def _couple_rigid(scene: Scene) -> CoupledMachine | None:
+    """The machine in its first pose with every body rigid; None where that is not known without a mesh or nothing can be free."""
+    machine = scene.machine
+    if scene.mechanism is not None or machine.supports or not any(_frees(joint) for joint in machine.joints.values()):
+        return None
+    if any(isinstance(part.solid, MeshFile | SuperelementFile) for part in machine.components.values()):
+        return None
+    bodies = {name: reduce_rigid(part, describe_component(part)) for name, part in machine.components.items()}
+    return couple(bodies, dataclasses.replace(machine, loads={}), next(iter(choose_poses(scene).values())))
+
+
+def _frees(joint: Joint) -> bool:
+    """Whether a joint alone leaves a relative motion without stiffness."""
+    return any(dof not in joint.held and not joint.stiffness[dof].any() for dof in range(6))
+
+
+def _has_no_answer(coupled: CoupledMachine, point: str) -> bool:
+    try:
+        point_budget(coupled, point)
+    except ModelError:
+        return True
+    return False
