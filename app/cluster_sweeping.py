@@ -20,6 +20,7 @@ from headstock.pipeline.slurm_jobs import (
     SCRIPT_FILE,
     WRITTEN_OUT,
     ArrayJob,
+    ScriptValueError,
     SlurmOptions,
     Submission,
     list_missing,
@@ -103,7 +104,6 @@ def _find_waiting(folder: Path, key: str) -> Submission | None:
 def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool) -> Submission:
     folder = job.folder.absolute()
     script = folder / SCRIPT_FILE
-    make_part(folder / FOLDER)
     array = ArrayJob(
         LAUNCHER,
         job.scene.path.absolute(),
@@ -115,7 +115,12 @@ def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, 
         Path.cwd(),
         {name: os.environ[name] for name in WRITTEN_OUT if os.environ.get(name)},
     )
-    write_output(script, render_script(array).encode())
+    try:
+        text = render_script(array)
+    except ScriptValueError as error:
+        raise click.UsageError(f"--on slurm: {error}; rename it, or start from elsewhere") from error
+    make_part(folder / FOLDER)
+    write_output(script, text.encode())
     elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
     first = submit(script, [COMPONENTS_TASK]) if elastic and fresh else ""
     number = submit(script, tasks, after=first)

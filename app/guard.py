@@ -12,6 +12,8 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+from headstock.geometry.errors import printable
+
 VERDICT = "HEADSTOCK_VERDICT"
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOST_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG)
@@ -51,7 +53,8 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
             message = f"rank {comm.rank}: {message}"
         if debug:
             traceback.print_exc()
-        print(message, file=sys.stderr, flush=True)
+        # names from files of strangers are no commands to the terminal
+        print("\n".join(printable(line) for line in message.split("\n")), file=sys.stderr, flush=True)
         if comm is not None and comm.size > 1 and not shared:
             comm.Abort(code)
     return code

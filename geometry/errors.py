@@ -1,5 +1,12 @@
 """The errors that end a computation (exit code 1), from the base of all to those of mechanisms."""
 
+import unicodedata
+
+
+def printable(text: str) -> str:
+    """The text without what a terminal would obey (escape sequences, line ends, changes of direction): each such character as ``?``."""
+    return "".join("?" if unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Zl", "Zp") else letter for letter in text)
+
 
 class HeadstockError(Exception):
     """A computation failed for a stated reason; the command line exits with 1."""

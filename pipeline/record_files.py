@@ -14,16 +14,71 @@ from urllib.parse import quote, unquote
 import h5py
 import numpy as np
 
-from headstock.geometry.errors import HeadstockError
+from headstock.geometry.errors import HeadstockError, printable
 
 # a small file can declare a data set of any size: what is not small must be there, or compressed by no more than this
 SMALL_ARRAY = 64 << 20
 LARGEST_EXPANSION = 100
 NO_WORDS = "S1"
+MOST_OBJECTS = 100_000
+MOST_AXES = 8
+LARGEST_ITEM = 1 << 16  # bytes of a number or a word
+PLAIN_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 
 
 class RecordError(HeadstockError):
     """A file does not hold the record it should; says which field and what was found."""
+
+
+def require_plain(file: h5py.File) -> None:
+    """Refuse a file of which anything is not in the file itself or of a kind that records do not hold, before a value is read.
+
+    External storage, virtual data sets and links to other files would show what is in other files; soft links and filters
+    from plug-ins have no place in a record either. Nothing but heads of objects is looked at.
+
+    Raises:
+        RecordError: Names the first such thing.
+    """
+    seen: set[int] = set()
+    waiting: list[h5py.Group] = [file]
+    while waiting:
+        group = waiting.pop()
+        _require_plain_attributes(group)
+        for name in group:
+            where = printable(f"{group.name.rstrip('/')}/{name}")
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise RecordError(f"{where} is a link; a record file holds all of itself")
+            item = group[name]
+            address = h5py.h5o.get_info(item.id).addr
+            if address in seen or len(seen) >= MOST_OBJECTS:
+                raise RecordError(f"{where} is there twice, or the file holds more than {MOST_OBJECTS} objects")
+            seen.add(address)
+            if isinstance(item, h5py.Group):
+                waiting.append(item)
+            elif isinstance(item, h5py.Dataset):
+                _require_plain_attributes(item)
+                _require_plain_dataset(item, where)
+            else:
+                raise RecordError(f"{where} is neither a group nor a data set")
+
+
+def _require_plain_dataset(item: h5py.Dataset, where: str) -> None:
+    settings = item.id.get_create_plist()
+    if settings.get_external_count() or item.is_virtual:
+        raise RecordError(f"{where} takes its values from other files; a record file holds all of itself")
+    filters = {settings.get_filter(number)[0] for number in range(settings.get_nfilters())}
+    if not filters <= PLAIN_FILTERS:
+        raise RecordError(f"{where} is packed by filters {sorted(filters)}; gzip, shuffle and checksums are known")
+    if item.dtype.kind not in "iufcS" or item.dtype.itemsize > LARGEST_ITEM or len(item.shape or ()) > MOST_AXES:
+        raise RecordError(f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known")
+
+
+def _require_plain_attributes(item: h5py.Group | h5py.Dataset) -> None:
+    for name in item.attrs:
+        attribute = item.attrs.get_id(name)
+        text = attribute.get_type().get_class() == h5py.h5t.STRING
+        if attribute.shape != () or not (text or attribute.dtype.kind in "iufb"):
+            raise RecordError(f"attribute {printable(f'{item.name}.{name}')} must be one number or word")
 
 
 def write_record(group: h5py.Group, record: Any) -> None:

@@ -15,7 +15,7 @@ from headstock.pipeline.json_texts import Json, check_finite, dump_json
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.path_results import PathCurves, fill_path, parse_path
-from headstock.pipeline.record_files import RecordError, read_record, write_record
+from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import PoseModes, Results
 
@@ -194,6 +194,7 @@ def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
         if stated != _digest_of(path):
             raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
         with h5py.File(path, "r") as file:
+            require_plain(file)
             if file.attrs.get("format") != FORMAT or "view" not in file:
                 raise OutputError(f"{path} holds no pictures; {remedy}")
             return read(file)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from mpi4py import MPI
 
 from headstock.geometry.components import Component, Load, Support
+from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
@@ -83,7 +84,8 @@ class RunState:
         return int(self.comm.rank) == 0
 
     def warn(self, message: str | None) -> None:
-        """Keep a warning, each text once."""
+        """Keep a warning, each text once, on one line and without what a terminal would obey."""
+        message = printable(message or "")
         if message and message not in self.warnings:
             self.warnings.append(message)
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from headstock.geometry.errors import printable
 from headstock.pipeline.outputs import write_output
 from headstock.pipeline.sweep_poses import Sweep
 
@@ -17,6 +18,7 @@ LOG_PATTERN = "%A_%a.log"
 PASSED_ON = ("HOME", "USER", "LOGNAME", "PATH")
 WRITTEN_OUT = ("HEADSTOCK_STORE", "HEADSTOCK_PYTHON", "HEADSTOCK_PRIVATE_ROOT", "XDG_CACHE_HOME")
 COMPONENTS_TASK = 0
+QUOTES = set("\"'`")
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,18 @@ class Submission:
     submitted: tuple[int, ...]
 
 
+class ScriptValueError(ValueError):
+    """A value has no place in a job script."""
+
+
 def render_script(job: ArrayJob) -> str:
-    """The job script: the same for every array task, and for task 0, which only reduces the components."""
+    """The job script: the same for every array task, and for task 0, which only reduces the components.
+
+    Raises:
+        ScriptValueError: A value holds a line end or another control character, or a path or a setting holds a quote: sbatch would
+            take what follows for lines or options of its own.
+    """
+    _check_values(job)
     options = job.options
     log = f"{job.folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
     settings = [
@@ -116,6 +128,22 @@ def render_script(job: ArrayJob) -> str:
             "",
         ]
     )
+
+
+def _check_values(job: ArrayJob) -> None:
+    options = job.options
+    settings = {"the folder of results": job.folder, "the current folder": job.start_folder, "the sweep's name": job.sweep}
+    settings |= {"--partition": options.partition or "", "--time": options.time_limit or ""}
+    words = {"the scene": job.scene, "the launcher": job.launcher, "the sweep's key": job.key, **job.environment}
+    # quotes in these are the user's own, or are quoted for the shell
+    words |= {f"--sbatch {number}": option for number, option in enumerate(options.extra, 1)}
+    words |= {f"argument {number} of the tasks": word for number, word in enumerate(job.arguments, 1)}
+    for what, value in {**settings, **words}.items():
+        text = str(value)
+        if printable(text) != text:
+            raise ScriptValueError(f"{what} {printable(text)!r} holds a control character, which has no place in a job script")
+        if what in settings and set(text) & QUOTES:
+            raise ScriptValueError(f"{what} {text!r} holds a quote, which has no place in the settings of a job script")
 
 
 def task_of(number: int, tasks: int) -> int:

@@ -15,7 +15,7 @@ from pathlib import Path
 import h5py
 
 from headstock.pipeline.atomic_files import write_atomically
-from headstock.pipeline.record_files import read_record, write_record
+from headstock.pipeline.record_files import read_record, require_plain, write_record
 
 USER_BLOCK = 512
 SIGNATURE = b"headstock store entry 2 "
@@ -78,6 +78,7 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
         return StoreRead(None, f"store entry {path.name[:12]} holds another entry ({found[:80]}) and is computed anew")
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
+            require_plain(file)
             return StoreRead(read_record(file["record"], kind))
     except Exception as error:  # the digest is right but the content is foreign: h5py raises almost anything
         return StoreRead(None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}")

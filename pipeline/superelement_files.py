@@ -7,12 +7,16 @@ from typing import BinaryIO
 
 import h5py
 import numpy as np
+import scipy.linalg
 
+from headstock.geometry.errors import printable
+from headstock.geometry.frames import FloatArray
 from headstock.meshing.guarded_process import ChildLimits, run_guarded
 from headstock.pipeline.outputs import write_output
-from headstock.pipeline.record_files import RecordError, read_record, write_record
+from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record
 from headstock.reduction.rails import DEGREE, STATION_DOFS
 from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import dof_scale
 
 FORMAT = "headstock superelement"
 VERSION = 1
@@ -22,6 +26,9 @@ REFUSED = 3
 MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
 SECONDS = 8
+LONGEST_NAME = 200
+MARKUP = set("<>&\"'`\\")
+CONSISTENCY = 1e-6  # relative, between numbers that say the same
 # a process that waits uses no processor time; a busy machine gives one little of it
 WALL_SECONDS = 60
 
@@ -69,6 +76,7 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
     """
     try:
         with h5py.File(content, "r") as file:
+            require_plain(file)
             if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
                 raise RecordError(f"it is not a {FORMAT} file of version {VERSION}")
             superelement = read_record(file, Superelement)
@@ -76,7 +84,9 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
         raise RecordError(f"{name}: {error}") from error
     except Exception as error:  # h5py raises almost anything on damaged files
         raise RecordError(f"{name} cannot be read as a superelement: {type(error).__name__}: {error}") from error
+    _check_texts(name, superelement)
     _check_shapes(name, superelement)
+    _check_meaning(name, superelement)
     return superelement
 
 
@@ -97,6 +107,107 @@ def _probe(file: BinaryIO, name: str) -> None:
     raise RecordError(message)
 
 
+def _check_texts(path: str, superelement: Superelement) -> None:
+    """Refuse names and warnings that a terminal, a page or a file name could take for more than words."""
+    nested = (superelement.attachments, superelement.loads, superelement.rails, superelement.free_dofs)
+    names = [name for part in nested for name in part] + [name for label in superelement.labels for name in label]
+    if any(len(label) != 2 for label in superelement.labels):
+        raise RecordError(f"{path}: labels must be pairs of words")
+    for name in (superelement.name, *names):
+        if not isinstance(name, str) or len(name) > LONGEST_NAME or printable(name) != name or set(name) & MARKUP:
+            raise RecordError(
+                f"{path}: {printable(str(name))[:LONGEST_NAME]!r} is no name of an interface, a load, a dof or a part"
+            )
+    for warning in superelement.warnings:
+        if not isinstance(warning, str) or printable(warning) != warning:
+            raise RecordError(f"{path}: a warning holds control characters: {printable(str(warning))[:LONGEST_NAME]!r}")
+
+
+def _check_meaning(path: str, superelement: Superelement) -> None:
+    """Refuse numbers that contradict each other: what coupling and errors are computed from must belong together."""
+    single = {
+        "cutoff_hz": superelement.cutoff_hz,
+        "mass_kg": superelement.mass_kg,
+        "residual": superelement.residual,
+        "full_dofs": float(superelement.full_dofs),
+    }
+    for name, value in single.items():
+        if not value >= 0.0 or (np.isinf(value) and name != "cutoff_hz"):
+            raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
+    scale = dof_scale(superelement)
+    if superelement.missing_energy is not None:
+        _check_semidefinite(path, "missing_energy", superelement.missing_energy, scale)
+    truncation = superelement.truncation
+    if truncation is not None:
+        scale = scale[: superelement.boundary_size]
+        _check_semidefinite(path, "truncation/first", truncation.first, scale)
+        _check_semidefinite(path, "truncation/second", truncation.second, scale)
+        # p p^T / omega^4 is at most p p^T / omega^2 over the lowest omega^2
+        rest = truncation.first / truncation.limit - truncation.second
+        if _lowest_share(rest, truncation.second, scale) < -CONSISTENCY:
+            raise RecordError(f"{path}: truncation/second is larger than truncation/first allows above its limit")
+    _check_frequencies(path, superelement)
+    _check_places(path, superelement)
+
+
+def _check_frequencies(path: str, superelement: Superelement) -> None:
+    """The frequencies of the modal dofs must be those of their stiffness and mass."""
+    modal = slice(superelement.boundary_size, None)
+    stated = np.sort(superelement.modal_frequencies_hz)
+    if not stated.size:
+        return
+    try:
+        squares = scipy.linalg.eigh(superelement.stiffness[modal, modal], superelement.mass[modal, modal], eigvals_only=True)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise RecordError(f"{path}: the mass of its modal dofs is not positive: {error}") from error
+    found = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    worst = int(np.argmax(np.abs(found - stated) / np.maximum(stated, np.finfo(float).tiny)))
+    if not abs(found[worst] - stated[worst]) <= CONSISTENCY * stated[worst]:
+        raise RecordError(
+            f"{path}: modal_frequencies_hz says {stated[worst]:.6g} Hz where stiffness and mass have {found[worst]:.6g} Hz"
+        )
+
+
+def _check_places(path: str, superelement: Superelement) -> None:
+    """Nodes and interfaces must lie within the body, and rails must be rails."""
+    places = {f"node {number}": frame.origin for number, frame in enumerate(superelement.frames)}
+    places |= {f"interface {name!r}": attachment.frame.origin for name, attachment in superelement.attachments.items()}
+    for number, station in enumerate(superelement.stations):
+        if station.axis not in (0, 1, 2) or station.point.shape != (3,) or not np.isfinite(station.point).all():
+            raise RecordError(f"{path}: station {number} has no place along an axis")
+        places[f"station {number}"] = station.point
+    for name, rail in superelement.rails.items():
+        ends = np.array([rail.low, rail.high, rail.blur, *rail.knots])
+        if rail.axis not in (0, 1, 2) or not np.isfinite(ends).all() or rail.blur < 0.0 or not rail.low < rail.high:
+            raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
+        if (np.diff(rail.knots) < 0.0).any():
+            raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
+    points = superelement.recovery_points
+    if points is None or not len(points):
+        return
+    low, high = points.min(axis=0), points.max(axis=0)
+    # a beam of segments is drawn as a line: its interfaces lie up to its length beside it
+    outside = float(np.linalg.norm(high - low)) * (CONSISTENCY if superelement.modal_count else 1.0)
+    for name, place in places.items():
+        if (place < low - outside).any() or (place > high + outside).any():
+            raise RecordError(f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m")
+
+
+def _check_semidefinite(path: str, name: str, matrix: FloatArray, scale: FloatArray) -> None:
+    if (np.abs(matrix - matrix.T) > CONSISTENCY * float(np.abs(matrix).max(initial=0.0))).any():
+        raise RecordError(f"{path}: {name} is not symmetric")
+    lowest = _lowest_share(matrix, matrix, scale)
+    if lowest < -CONSISTENCY:
+        raise RecordError(f"{path}: {name} has a negative direction, {lowest:.2g} of its largest entry; errors cannot be negative")
+
+
+def _lowest_share(matrix: FloatArray, size: FloatArray, scale: FloatArray) -> float:
+    """Lowest eigenvalue of a matrix over the largest entry of another one, both scaled so that every dof is a length."""
+    largest = float(np.abs(size * scale * scale[:, None]).max(initial=0.0))
+    scaled = 0.5 * (matrix + matrix.T) * scale * scale[:, None]
+    return float(np.linalg.eigvalsh(scaled)[0]) / largest if largest > 0.0 else 0.0
+
+
 def _check_shapes(path: str, superelement: Superelement) -> None:
     size = len(superelement.labels)
     expected = {
@@ -109,10 +220,15 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         "center_of_mass": (superelement.center_of_mass, (3,)),
         "inertia": (superelement.inertia, (3, 3)),
     }
+    points = superelement.recovery_points
+    if points is not None:
+        expected["recovery_points"] = (points, (len(points), 3))
     if superelement.recovery is not None and superelement.recovery_points is not None:
         expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
+        if load.particular is not None:
+            expected[f"loads/{name}/particular"] = (load.particular, (0 if points is None else 3 * len(points),))
     if superelement.truncation is not None:
         boundary = (superelement.boundary_size, superelement.boundary_size)
         expected["truncation/first"] = (superelement.truncation.first, boundary)

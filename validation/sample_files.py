@@ -69,8 +69,9 @@ def path_text() -> str:
 
 
 def box_superelement() -> Superelement:
-    """A superelement of one interface and two modes whose numbers mean nothing."""
+    """A superelement of one interface and two modes of 100 and 200 Hz whose other numbers mean nothing."""
     numbers = np.arange(64.0).reshape(8, 8)
+    numbers[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
     labels = (*(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")), ("mode", "1"), ("mode", "2"))
     return Superelement(
         name="column",

@@ -94,6 +94,16 @@ def test_tasks_together_give_the_local_file_and_a_lost_task_is_named_and_done_ag
         assert (tmp_path / "far" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
 
 
+def test_a_folder_whose_name_would_add_lines_to_the_script_is_refused(
+    slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / 'x"\n#SBATCH --wrap="touch owned'
+    assert sweep(folder, "--on", "slurm") == 2
+    assert "the folder of results" in capfd.readouterr().err
+    assert not (slurm / "calls").exists()
+    assert not (folder / SCRIPT_FILE).exists()
+
+
 def test_an_array_that_is_still_in_the_queue_is_not_submitted_again(
     slurm: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

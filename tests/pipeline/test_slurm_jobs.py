@@ -1,6 +1,8 @@
 """Array jobs: the script as it is written, what is missing by task, and what Slurm says of the tasks."""
 
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import headstock.pipeline.slurm_waiting
 from headstock.pipeline.slurm_jobs import (
     FOLDER,
     ArrayJob,
+    ScriptValueError,
     SlurmOptions,
     Submission,
     list_missing,
@@ -53,6 +56,38 @@ def test_the_script_says_everything_a_task_needs() -> None:
     places = (Path("/opt/headstock/headstock"), Path("/data/a.toml"), "line", Path("/data/100% mine"))
     job = ArrayJob(*places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"})
     assert render_script(job) == SCRIPT
+
+
+ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"folder": Path(ROW)},
+        {"folder": Path('/data/x" --wrap="id')},
+        {"folder": Path("/data/it's")},
+        {"start_folder": Path(ROW)},
+        {"start_folder": Path("/data/`id`")},
+        {"scene": Path("/data/a\n.toml")},
+        {"launcher": Path("/opt/a\x1b[2J/headstock")},
+        {"sweep": "line\n#SBATCH --wrap=id"},
+        {"key": "a\nb"},
+        {"arguments": ("--set", "name=a\nb")},
+        {"environment": {"HEADSTOCK_STORE": "/data\n#SBATCH --wrap=id"}},
+        {"options": SlurmOptions(partition="long\n#SBATCH --wrap=id")},
+        {"options": SlurmOptions(partition='"long"')},
+        {"options": SlurmOptions(time_limit="1:00\r#SBATCH --wrap=id")},
+        {"options": SlurmOptions(extra=("--account=a\n#SBATCH --wrap=id",))},
+        {"options": SlurmOptions(extra=("--account=a\u2028b",))},
+    ],
+    ids=lambda change: str(change)[:60],
+)
+def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(change: dict[str, Any]) -> None:
+    job = ArrayJob(Path("/opt/headstock"), Path("/data/a.toml"), "line", Path("/data/mine"), "abc", SlurmOptions())
+    render_script(job)
+    with pytest.raises(ScriptValueError, match="no place in"):
+        render_script(dataclasses.replace(job, **change))
 
 
 def test_every_missing_pose_belongs_to_the_task_that_computes_it() -> None:

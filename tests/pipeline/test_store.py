@@ -50,6 +50,7 @@ def make_mesh() -> ComponentMesh:
 def make_superelement() -> Superelement:
     rng = np.random.default_rng(1)
     stiffness = rng.normal(size=(8, 8))
+    stiffness[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
     return Superelement(
         name="column",
         labels=(*((node, dof) for node in ["foot"] for dof in ["x", "y", "z", "rx", "ry", "rz"]), ("mode", "1"), ("mode", "2")),
@@ -59,7 +60,7 @@ def make_superelement() -> Superelement:
         mass=np.eye(8),
         damping=None,
         recovery=rng.normal(size=(12, 8)),
-        recovery_points=rng.normal(size=(4, 3)),
+        recovery_points=np.vstack([rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]),
         constraints=np.zeros((0, 8)),
         modal_frequencies_hz=np.array([100.0, 200.0]),
         cutoff_hz=float("inf"),
