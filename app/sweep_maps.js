@@ -22,6 +22,11 @@
   function known(values) { return values.filter((value) => value !== null); }
   function text(words, x, y, align) { context.textAlign = align; context.fillText(words, x, y); }
   function digits(value) { return value === null || value === undefined ? "–" : Number(value.toPrecision(4)).toLocaleString("en", { maximumSignificantDigits: 4, useGrouping: false }); }
+  // as many digits as tell the ends of a narrow range apart
+  function end(value, low, high) {
+    const more = high > low ? Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low))) + 1 : 0;
+    return value.toLocaleString("en", { maximumSignificantDigits: Math.min(Math.max(4, more), 10), useGrouping: false });
+  }
   function columns(axis) { return Array.from({ length: data.shape[axis] }, (_, index) => data.positions[index * strides[axis]][axis]); }
 
   function draw() {
@@ -43,7 +48,7 @@
     context.strokeStyle = "#fff"; context.lineWidth = 3; const x = box.x + place[across] * w, y = box.y + box.h - (place[up] + 1) * h;
     context.strokeRect(x, y, w, h); context.strokeStyle = "#b1122f"; context.lineWidth = 1.6; context.strokeRect(x, y, w, h);
     for (let k = 0; k < 100; k++) { context.fillStyle = color(k / 99); context.fillRect(box.x + box.w + 18, box.y + box.h * (1 - (k + 1) / 100), 14, box.h / 100 + 0.6); }
-    context.fillStyle = ink("--ink"); text(digits(high), box.x + box.w + 36, box.y + 10, "left"); text(digits(low), box.x + box.w + 36, box.y + box.h, "left");
+    context.fillStyle = ink("--ink"); text(end(high, low, high), box.x + box.w + 36, box.y + 10, "left"); text(end(low, low, high), box.x + box.w + 36, box.y + box.h, "left");
     text(unit, box.x + box.w + 36, box.y + box.h / 2, "left");
     axisMarks(columns(across), columns(up));
   }
@@ -70,7 +75,7 @@
       context.stroke();
     });
     context.strokeStyle = "#b1122f"; context.lineWidth = 1; context.beginPath(); context.moveTo(x(xs[chosen]), box.y); context.lineTo(x(xs[chosen]), box.y + box.h); context.stroke();
-    context.fillStyle = ink("--ink"); text(digits(high), box.x - 6, box.y + 10, "right"); text(digits(low), box.x - 6, box.y + box.h, "right"); text(asked.unit, box.x - 6, box.y + box.h / 2, "right");
+    context.fillStyle = ink("--ink"); text(end(high, low, high), box.x - 6, box.y + 10, "right"); text(end(low, low, high), box.x - 6, box.y + box.h, "right"); text(asked.unit, box.x - 6, box.y + box.h / 2, "right");
     text(digits(xs[0]), box.x, box.y + box.h + 16, "center"); text(digits(xs[xs.length - 1]), box.x + box.w, box.y + box.h + 16, "center"); text(label, box.x + box.w / 2, box.y + box.h + 36, "center");
   }
   function cell(row, words, numeric, head) { const made = document.createElement(head ? "th" : "td"); made.textContent = words; if (numeric) made.className = "number"; row.append(made); }

@@ -31,7 +31,9 @@ def _flat(value: float | tuple[float, ...]) -> tuple[float, ...]:
 def _tube_faults(tube: Tube) -> list[str]:
     faults = [] if tube.length > 0.0 and tube.outer_diameter > 0.0 else ["length and outer diameter must be above zero"]
     if tube.inner_diameter >= tube.outer_diameter > 0.0:
-        faults.append(f"the inner diameter {tube.inner_diameter:g} m must be smaller than the outer {tube.outer_diameter:g} m")
+        faults.append(
+            f"the inner diameter {1e3 * tube.inner_diameter:.6g} mm must be smaller than the outer {1e3 * tube.outer_diameter:.6g} mm"
+        )
     return faults
 
 
@@ -41,7 +43,7 @@ def _plate_faults(plate: Plate) -> list[str]:
     if plate.rib_height == 0.0 or plate.rib_thickness == 0.0:
         return ["ribs need a height and a thickness above zero"]
     crowded = [
-        f"{count} ribs of {plate.rib_thickness:g} m do not fit the {side:g} m along {axis}"
+        f"{count} ribs of {1e3 * plate.rib_thickness:.6g} mm do not fit the {1e3 * side:.6g} mm along {axis}"
         for axis, count, side in (("y", plate.ribs_x, plate.size[1]), ("x", plate.ribs_y, plate.size[0]))
         if count * plate.rib_thickness >= side
     ]
@@ -60,7 +62,9 @@ def _column_faults(column: HollowColumn) -> list[str]:
     if column.core_hole > 0.0 and not faults:
         narrowest = min(high - low for spans in cells[: 2 if column.ribs_x + column.ribs_y == 0 else 3] for low, high in spans)
         if column.core_hole >= narrowest:
-            faults.append(f"the core hole of {column.core_hole:g} m must be smaller than the narrowest cell, {narrowest:g} m")
+            faults.append(
+                f"the core hole of {1e3 * column.core_hole:.6g} mm must be smaller than the narrowest cell, {1e3 * narrowest:.6g} mm"
+            )
     return faults
 
 

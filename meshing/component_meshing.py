@@ -294,6 +294,6 @@ def _check_imprint(component: Component, name: str, patch: Patch) -> None:
         return
     if min(patch.size) < LINE_LIKE * largest_extent(solid):
         raise MeshError(
-            f"{what}: a {patch.shape} of {min(patch.size):.3g} m is a point or a line on a solid of {largest_extent(solid):.3g} m, "
+            f"{what}: a {patch.shape} of {1e3 * min(patch.size):.4g} mm is a point or a line on a solid of {1e3 * largest_extent(solid):.4g} mm, "
             "and its compliance depends on the mesh; write a larger patch, or force = true"
         )

@@ -97,7 +97,7 @@ def _patch_window(box: Box, patch: Patch) -> dict[int, tuple[float, float]]:
     for direction, start, end in ((first, window[0], window[1]), (second, window[2], window[3])):
         cut = (float(max(start, low[direction])), float(min(end, high[direction])))
         if not cut[1] > cut[0]:
-            span = f"{low[direction]:.6g} .. {high[direction]:.6g} m along {'xyz'[direction]}"
+            span = f"{1e3 * low[direction]:.6g} .. {1e3 * high[direction]:.6g} mm along {'xyz'[direction]}"
             raise MeshError(f"the {patch.shape} on face {patch.face!r} does not touch it; the face spans {span}")
         result[direction] = cut
     return result

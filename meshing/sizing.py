@@ -63,6 +63,6 @@ def budget_message(count: int, size: float) -> str:
     """What to tell the user when a mesh would be too large; size in [m]."""
     coarser = size * (count / CELL_BUDGET) ** (1.0 / 3.0) * 1.1
     return (
-        f"elements of {size:.4g} m would make about {count:.3g} cells, more than the budget of {CELL_BUDGET:.3g}; "
-        f"write a mesh size of {coarser:.2g} m or more"
+        f"elements of {1e3 * size:.6g} mm would make about {count:.3g} cells, more than the budget of {CELL_BUDGET:.3g}; "
+        f"write a mesh size of {float(f'{1e3 * coarser:.2g}'):g} mm or more"
     )

@@ -46,10 +46,10 @@ def refuse_slivers(faces: Sequence[int], *, size: float, unit: float) -> None:
     if not slivers:
         return
     named = ", ".join(
-        f"face:{sliver.number} ({sliver.width * unit:.3g} m wide, {sliver.length * unit:.3g} m long)"
+        f"face:{sliver.number} ({1e3 * sliver.width * unit:.4g} mm wide, {1e3 * sliver.length * unit:.4g} mm long)"
         for sliver in slivers[:NAMED_FACES]
     )
     raise MeshError(
-        f"too narrow for elements of {size * unit:.3g} m, {len(slivers)} of {len(faces)} faces: {named}; remove them in the CAD"
+        f"too narrow for elements of {1e3 * size * unit:.4g} mm, {len(slivers)} of {len(faces)} faces: {named}; remove them in the CAD"
         " system (gaps, overlaps and leftovers of chamfers show up so), or write a much smaller mesh size"
     )

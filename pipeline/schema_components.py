@@ -69,7 +69,9 @@ class TubeTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.inner >= self.outer:
-            raise problem(f"inner diameter {self.inner:g} m is not smaller than the outer diameter {self.outer:g} m")
+            raise problem(
+                f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
+            )
         return self
 
 
@@ -88,7 +90,9 @@ class PlateTable(StrictTable):
             raise problem('ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"')
         for count, room, axis in ((self.ribs_x, self.size[1], "y"), (self.ribs_y, self.size[0], "x")):
             if count * self.rib > room:
-                raise problem(f"{count} ribs of {self.rib:g} m do not fit into {room:g} m along {axis}; take fewer or thinner ribs")
+                raise problem(
+                    f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * room:.6g} mm along {axis}; take fewer or thinner ribs"
+                )
         return self
 
 
@@ -112,11 +116,15 @@ class ColumnTable(StrictTable):
         for (sheet, ribs), size, axis in zip(rows, self.size, "xyz", strict=True):
             name = "cap" if axis == "z" else "wall"
             if 2.0 * sheet >= size:
-                raise problem(f"two {name}s of {sheet:g} m are thicker than the column: {size:g} m along {axis}; take thinner ones")
+                raise problem(
+                    f"two {name}s of {1e3 * sheet:.6g} mm are thicker than the column: {1e3 * size:.6g} mm along {axis}; take thinner ones"
+                )
             if ribs * self.rib >= size - 2.0 * sheet:
-                raise problem(f"{ribs} ribs of {self.rib:g} m fill the {size - 2.0 * sheet:g} m between the {name}s along {axis}")
+                raise problem(
+                    f"{ribs} ribs of {1e3 * self.rib:.6g} mm fill the {1e3 * (size - 2.0 * sheet):.6g} mm between the {name}s along {axis}"
+                )
         if self.core_hole >= min(self.size[0], self.size[1]) - 2.0 * self.wall:
-            raise problem(f"core_hole of {self.core_hole:g} m reaches the walls; take a smaller one")
+            raise problem(f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one")
         return self
 
 

@@ -50,7 +50,7 @@ class ScrewTable(StrictTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.bore >= self.diameter:
-            raise problem(f"its bore of {self.bore:g} m is not smaller than its diameter of {self.diameter:g} m")
+            raise problem(f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm")
         if (self.far is None) != (self.length is None):
             raise problem(
                 'a second fixed bearing needs the shaft\'s length between both, and only it does; write far = "bed.bearing_2", length = "900 mm"'

@@ -18,12 +18,12 @@ SIZE = (0.3, 0.2, 1.0)
         (Tube(0.1, 0.0, 0.0), "length"),
         (Plate((0.3, 0.2, 0.02), rib_height=0.05), "there are none"),
         (Plate((0.3, 0.2, 0.02), ribs_x=2), "height and a thickness"),
-        (Plate((0.3, 0.2, 0.02), 0.05, 0.1, ribs_x=2), "do not fit the 0.2 m along y"),
+        (Plate((0.3, 0.2, 0.02), 0.05, 0.1, ribs_x=2), "do not fit the 200 mm along y"),
         (HollowColumn(SIZE, 0.1, 0.02), "fill the whole y side"),
         (HollowColumn(SIZE, 0.02, 0.5), "fill the whole z side"),
         (HollowColumn(SIZE, 0.0, 0.02), "thicker than zero"),
         (HollowColumn(SIZE, 0.02, 0.02, ribs_z=1), "thickness above zero"),
-        (HollowColumn(SIZE, 0.02, 0.02, 0.01, ribs_x=1, core_hole=0.13), "narrowest cell, 0.125 m"),
+        (HollowColumn(SIZE, 0.02, 0.02, 0.01, ribs_x=1, core_hole=0.13), "narrowest cell, 125 mm"),
     ],
 )
 def test_impossible_dimensions_are_named(solid: Solid, words: str) -> None:

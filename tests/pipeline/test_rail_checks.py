@@ -130,7 +130,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
 @pytest.mark.parametrize(
     ("old", "new", "key", "message"),
     [
-        (SHAFT, SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'), "joints.screw.screw", "bore of 0.025 m"),
+        (SHAFT, SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'), "joints.screw.screw", "bore of 25 mm"),
         (SHAFT, SHAFT.replace('lead = "5 mm", ', ""), "joints.screw.screw", "a coupling gives way along the thread only"),
         (SHAFT, SHAFT.replace(" }", ', far = "bed.foot" }'), "joints.screw.screw", "needs the shaft's length"),
         (SHAFT, SHAFT.replace(" }", ', far = "bed.end", length = "1 m" }'), "joints.screw.screw.far", "no interface 'end'"),
