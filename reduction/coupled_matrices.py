@@ -73,8 +73,8 @@ def sum_stiffness(
             total[np.ix_(seen, seen)] += weigh(spring.name) * acting.T @ spring.stiffness @ acting
         return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
     rows = {spring.name: spring.rows for spring in springs}
-    for index, group in enumerate((*grading.groups, grading.soft), start=1):
-        sees = (elimination.levels > 0) & (elimination.levels <= index) if index <= len(grading.groups) else True
+    for index, group in enumerate((*grading.groups, grading.soft), start=1 + len(grading.deformations)):
+        sees = (elimination.levels > 0) & (elimination.levels <= index) if group is not grading.soft else True
         stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
         total += stretch.T @ (np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch)
     return 0.5 * (total + total.T)

@@ -98,7 +98,7 @@ def couple(
     matrices = component_matrices(layout, memo)
     springs = place_joints(machine, layout)
     constraints, sources = _constraint_rows(layout, springs)
-    grading = grade_springs(springs, layout.length)
+    grading = grade_springs(springs, layout, matrices.stiffnesses)
     elimination = eliminate_constraints(constraints, grading.group_rows(springs), scale_dofs(layout))
     reduced = tuple(reduce_spring(spring, elimination) for spring in springs)
     basis = elimination.basis

@@ -15,6 +15,7 @@ from headstock.solvers.errors import AccuracyError, ModelError
 RIGID_NOISE_LIMIT = 1e-8
 FELT_TOLERANCE = 1e-9
 LOOSE_LEVEL = 1e-14
+DOFS_OF_A_BODY = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +93,10 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
     stiffness = 0.5 * (superelement.stiffness + superelement.stiffness.T)
     if superelement.supported or not stiffness.any() or not superelement.frames:
         return stiffness
-    motions = rigid_motions(superelement, superelement.frames[0].origin)
     if _has_loose_rotations(superelement, stiffness):
         return stiffness
-    # deformations: all dofs but those of node 0, less the rigid motion that node 0 makes
-    deformation = np.hstack([-motions[6:], np.eye(len(stiffness) - 6)])
-    cleaned = deformation.T @ stiffness[6:, 6:] @ deformation
+    deformation = free_deformations(superelement)
+    cleaned = deformation.T @ stiffness[DOFS_OF_A_BODY:, DOFS_OF_A_BODY:] @ deformation
     change = float(np.abs(cleaned - stiffness).max() / np.abs(stiffness).max())
     if not change <= RIGID_NOISE_LIMIT:
         raise AccuracyError(
@@ -105,6 +104,12 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
             "mark the component as supported if it is held"
         )
     return np.asarray(0.5 * (cleaned + cleaned.T))
+
+
+def free_deformations(superelement: Superelement) -> FloatArray:
+    """Rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion that the first node makes."""
+    motions = rigid_motions(superelement, superelement.frames[0].origin)[DOFS_OF_A_BODY:]
+    return np.hstack([-motions, np.eye(len(motions))])
 
 
 def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArray]:

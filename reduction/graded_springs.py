@@ -1,11 +1,12 @@
 """Springs sorted into groups of like stiffness, stiffest first."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.reduction.dof_layout import DOFS_OF_A_BODY, DofLayout, free_deformations, scale_dofs, turn_dofs
 from headstock.reduction.joint_matrices import JointSpring, SpringDirection, principal_springs
 from headstock.solvers.symmetric_matrices import is_symmetric
 
@@ -13,6 +14,7 @@ GRADING_RATIO = 1e4  # stiffer than this times the softest spring: a coordinate 
 GRADING_STEP = 1e3  # springs within this factor share a group
 STIFF_RATIO = 1e9
 ABSURD_RATIO = 1e12
+STIFF_COMPONENT_RATIO = 3e6  # of a component to the softest spring: its rounding costs the spring all but nine or ten digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,32 +25,40 @@ class SpringGrading:
         groups: Stiff springs, the stiffest group first; empty where all springs are alike.
         soft: The other springs, where there are groups.
         warnings: About ratios no machine has.
+        deformations: Rows ``(m, n_all)`` of the deformations of components that are far stiffer still than the softest spring, in
+            one block; none where there are no such components.
     """
 
     groups: tuple[tuple[SpringDirection, ...], ...]
     soft: tuple[SpringDirection, ...]
     warnings: tuple[str, ...]
+    deformations: tuple[FloatArray, ...] = ()
 
     def group_rows(self, springs: Sequence[JointSpring]) -> list[FloatArray]:
-        """Rows ``(m_g, n_all)`` of each group."""
+        """Rows ``(m_g, n_all)`` of each group, deformations of components first."""
         rows = {spring.name: spring.rows for spring in springs}
-        return [np.array([part.direction @ rows[part.joint] for part in group]) for group in self.groups]
+        return [*self.deformations, *(np.array([part.direction @ rows[part.joint] for part in group]) for group in self.groups)]
 
 
-def grade_springs(springs: Sequence[JointSpring], length: float) -> SpringGrading:
+def grade_springs(springs: Sequence[JointSpring], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]) -> SpringGrading:
     """Sort the springs of all joints by stiffness, rotational ones over the square of a length of the machine.
 
     Args:
         springs: Joints as placed.
-        length: Characteristic length of the machine [m].
+        layout: Components and the characteristic length of the machine.
+        stiffnesses: ``(n, n)`` of each component in machine axes.
     """
     if not all(is_symmetric(spring.stiffness) for spring in springs):
         return SpringGrading((), (), ())
+    length = layout.length
     parts = [part for spring in springs for part in principal_springs(spring, length) if _acts(spring, part)]
     parts.sort(key=lambda part: -abs(part.level))
-    if not parts or abs(parts[0].level) <= GRADING_RATIO * abs(parts[-1].level):
+    if not parts:
         return SpringGrading((), (), ())
     softest = parts[-1]
+    deformations = _stiff_deformations(layout, stiffnesses, abs(softest.level))
+    if abs(parts[0].level) <= GRADING_RATIO * abs(softest.level):
+        return SpringGrading((), (), (), deformations)
     groups: list[list[SpringDirection]] = []
     for part in parts:
         if abs(part.level) <= GRADING_RATIO * abs(softest.level):
@@ -57,7 +67,24 @@ def grade_springs(springs: Sequence[JointSpring], length: float) -> SpringGradin
             groups.append([])
         groups[-1].append(part)
     soft = tuple(parts[sum(len(group) for group in groups) :])
-    return SpringGrading(tuple(tuple(group) for group in groups), soft, tuple(_ratio_warnings(parts, softest)))
+    return SpringGrading(tuple(tuple(group) for group in groups), soft, tuple(_ratio_warnings(parts, softest)), deformations)
+
+
+def _stiff_deformations(layout: DofLayout, stiffnesses: Mapping[str, FloatArray], softest: float) -> tuple[FloatArray, ...]:
+    """Rows of the boundary dofs of far stiffer components less the rigid motion of their first node: beside the machine's rigid motions,
+    what is left of a body on soft springs must not be the difference of large numbers.
+    """
+    squares, blocks = scale_dofs(layout) ** 2, []
+    for name, element in layout.superelements.items():
+        own = layout.offsets[name]
+        boundary = element.boundary_size
+        level = float(np.abs(stiffnesses[name].diagonal() * squares[own])[:boundary].max(initial=0.0))
+        if element.supported or boundary <= DOFS_OF_A_BODY or not level > STIFF_COMPONENT_RATIO * softest:
+            continue
+        rows = np.zeros((boundary - DOFS_OF_A_BODY, layout.size))
+        rows[:, own] = free_deformations(element)[: len(rows)] @ turn_dofs(element, layout.placements[name])
+        blocks.append(rows)
+    return (np.vstack(blocks),) if blocks else ()
 
 
 def _acts(spring: JointSpring, part: SpringDirection) -> bool:

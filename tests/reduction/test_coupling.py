@@ -10,8 +10,9 @@ from headstock.geometry.components import Load
 from headstock.geometry.frames import DOF_NAMES, Frame, rigid_transfer, rotate_dofs, rotation_about
 from headstock.geometry.joints import Axis
 from headstock.geometry.machines import Pose
-from headstock.reduction.compliance_budget import point_compliance
+from headstock.reduction.compliance_budget import point_budget, point_compliance
 from headstock.reduction.coupling import couple
+from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.solvers.static_response import solve_static
@@ -202,3 +203,19 @@ def test_a_joint_to_what_does_not_exist_is_named(end, text):
     superelements, machine = chain()
     with pytest.raises(ModelError, match=text):
         couple(superelements, dataclasses.replace(machine, joints={"lost": joint_between("lost", "ground", end)}), HOME)
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 30.0], ids=["1 mN/m", "1 N/m", "30 N/m"])
+def test_a_body_on_springs_far_softer_than_itself_keeps_their_digits(stiffness):
+    turn = rotation_about(np.array([1.0, -2.0, 0.5]), 0.8)
+    body = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))
+    joint = joint_between("mount", "ground", "column.foot", stiffness=(stiffness,) * 6, rotation=turn)
+    coupled = couple(*lumped_machine([body], [joint], {"tcp": ("column.head", "ground")}), HOME)
+    compliance = point_budget(coupled, "tcp").compliance
+    arm = rigid_transfer(np.zeros(3), np.array([0.0, 0.0, 0.5]))
+    np.testing.assert_allclose(compliance, arm @ arm.T / stiffness, rtol=2e-6 * max(stiffness, 1.0), atol=1e-9 / stiffness)
+    element = body[1]
+    motions = rigid_motions(element, element.frames[element.attachments["foot"].node].origin)
+    mass = motions.T @ element.mass @ motions
+    rigid = np.sqrt(stiffness * scipy.linalg.eigvalsh(np.eye(6), mass)) / (2.0 * np.pi)
+    np.testing.assert_allclose(solve_modal(coupled.system, count=6).frequencies_hz, rigid, rtol=2e-6 * max(stiffness, 1.0))
