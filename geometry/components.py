@@ -87,9 +87,9 @@ class MeshSettings:
 
 @dataclass(frozen=True)
 class ReductionSettings:
-    """Which fixed-interface modes are kept: up to a frequency [Hz] or a count; neither means the planner decides.
+    """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever are fewer.
 
-    With ``verify`` a second factorisation counts the modes (Sturm), so that none can be missing.
+    With neither the planner decides. With ``verify`` a second factorisation counts the modes (Sturm), so that none can be missing.
     """
 
     modes_to_hz: float | None = None

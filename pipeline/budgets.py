@@ -43,7 +43,7 @@ def mesh_memory_mb(dofs: int) -> float:
 
 def reduction_memory_mb(dofs: int, component: Component) -> float:
     """Peak memory of assembly, factorisation and reduction [MB]; grows like ``n^1.2`` with a sparse direct solver in 3D."""
-    vectors = 6 * len(component.interfaces) + (component.reduction.modes or 0)
+    vectors = _vector_count(component)
     factor = REFERENCE_MB * float((dofs / REFERENCE_DOFS) ** MEMORY_EXPONENT)
     return BASE_MB + factor + COPIES_OF_BASIS * 8e-6 * dofs * vectors
 
@@ -55,7 +55,7 @@ def mesh_seconds(dofs: int) -> float:
 
 def reduction_seconds(dofs: int, component: Component) -> float:
     """Processor time of assembly, factorisation and reduction [s]."""
-    vectors = 6 * len(component.interfaces) + (component.reduction.modes or 0)
+    vectors = _vector_count(component)
     share = max(0.5, 1.0 + SECONDS_PER_VECTOR * (vectors - REFERENCE_VECTORS))
     return REFERENCE_SECONDS * share * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT)
 
@@ -125,3 +125,9 @@ def check_memory(stages: Sequence[Stage], limit_bytes: float | None) -> None:
 def physical_memory_bytes() -> float:
     """Memory of this machine [byte]."""
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
+def _vector_count(component: Component) -> int:
+    """Boundary dofs and modes that are certain; how many modes lie below a frequency nobody knows beforehand."""
+    settings = component.reduction
+    return 6 * len(component.interfaces) + (settings.modes or 0 if settings.modes_to_hz is None else 0)

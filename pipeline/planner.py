@@ -45,7 +45,10 @@ MODE_MARGIN = 3.0
 # Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole model up to 1.5 times the highest
 # frequency, 3 times miss up to 6 % (`validate frequency_response`, a column with two rigid faces, loss factor 4 %).
 FRF_MARGIN = 12.0
+EXACT_MARGIN = 1.5
 FEWEST_DEFAULT_MODES = 20
+# nobody asked for more: what they leave out of a response is in its ±
+MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
 
 
@@ -116,8 +119,11 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     if reaches:
         what = max(reaches, key=lambda name: math.prod(reaches[name]))
         reach, margin = reaches[what]
-        settings = ReductionSettings(modes_to_hz=margin * reach, verify=asked.verify)
-        return settings, f"{what} up to {reach:g} Hz: fixed-interface modes up to {margin * reach:g} Hz"
+        # without interfaces modes are those of the component itself, and a margin only serves the estimate of their errors
+        limit = reach * (margin if component.interfaces else EXACT_MARGIN)
+        settings = ReductionSettings(modes_to_hz=limit, modes=MOST_DEFAULT_MODES, verify=asked.verify)
+        text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
+        return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
     count = default_mode_count(wanted)
     return ReductionSettings(

@@ -25,6 +25,7 @@ from headstock.reduction.truncation_moments import measure_truncation
 from headstock.solvers.constrained_solver import ConstrainedSolver
 from headstock.solvers.discretisation_error import estimate_missing_energy
 from headstock.solvers.elasticity import ElasticOperators, assemble_elasticity
+from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 
 
 def reduce_elastic(
@@ -58,8 +59,13 @@ def reduce_elastic(
     """
     request = request or ReductionRequest(modes=mode_target(component))
     with_mass = needs_mass(component, loads, request)
-    operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass)
-    return reduce_operators(component, mesh, operators, supports, loads, request=request)
+    try:
+        operators = assemble_elasticity(mesh, scaled_material(component, mesh), comm=comm, with_mass=with_mass)
+        return reduce_operators(component, mesh, operators, supports, loads, request=request)
+    except (ModelError, ConvergenceError, AccuracyError) as error:
+        if component.name in str(error):
+            raise
+        raise type(error)(f"component {component.name}: {error}") from error
 
 
 def reduce_operators(

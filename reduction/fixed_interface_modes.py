@@ -57,7 +57,8 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
     dimension = solver.free_total - solver.constraints.shape[1]
     if target is None or target.count == 0 or dimension <= 0:
         return none if dimension > 0 else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
-    if (dimension <= DENSE_LIMIT and (target.count or 0) > DENSE_SHARE * dimension) or dimension <= SMALL:
+    many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
+    if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
         values, shapes, following = _dense_modes(solver, target)
     else:
         start = _start_block(solver, _block_width(target))
@@ -126,8 +127,7 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> tuple[FloatAr
         _congruence(basis, sum_over_ranks(comm, stiffness)), _congruence(basis, sum_over_ranks(comm, mass))
     )
     frequencies = np.sqrt(np.abs(values)) / (2.0 * np.pi)
-    wanted = int((frequencies <= target.up_to_hz).sum()) if target.up_to_hz is not None else min(target.count or 0, len(values))
-    end = cluster_end(frequencies, wanted)
+    end = cluster_end(frequencies, min(target.count_wanted(frequencies), len(values)))
     shapes = np.zeros((operators.owned_dofs, end))
     shapes[free] = (basis @ vectors[:, :end])[first : first + len(free)]
     return values[:end], shapes, float(values[end]) if end < len(values) else np.inf

@@ -71,8 +71,9 @@ def grade_springs(springs: Sequence[JointSpring], layout: DofLayout, stiffnesses
 
 
 def _stiff_deformations(layout: DofLayout, stiffnesses: Mapping[str, FloatArray], softest: float) -> tuple[FloatArray, ...]:
-    """Rows of the boundary dofs of far stiffer components less the rigid motion of their first node: beside the machine's rigid motions,
-    what is left of a body on soft springs must not be the difference of large numbers.
+    """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node of each.
+
+    The soft springs of a body must not be what is left of the difference of its own large stiffnesses.
     """
     squares, blocks = scale_dofs(layout) ** 2, []
     for name, element in layout.superelements.items():

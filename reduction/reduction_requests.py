@@ -64,9 +64,8 @@ class ReductionExtent:
             return True
         if self.modes is None or (verify and not self.verified):
             return False
-        if target.up_to_hz is not None:
-            return target.up_to_hz < self.cutoff_hz
-        return (target.count or 0) <= self.modes or np.isinf(self.cutoff_hz)
+        enough = target.count is not None and target.count <= self.modes
+        return enough or np.isinf(self.cutoff_hz) or (target.up_to_hz is not None and target.up_to_hz < self.cutoff_hz)
 
 
 def mode_target(component: Component) -> ModeTarget:
@@ -76,10 +75,8 @@ def mode_target(component: Component) -> ModeTarget:
         ModelError: The component leaves the choice open.
     """
     settings = component.reduction
-    if settings.modes is not None:
-        return ModeTarget(count=settings.modes)
-    if settings.modes_to_hz is not None:
-        return ModeTarget(up_to_hz=settings.modes_to_hz)
+    if settings.modes is not None or settings.modes_to_hz is not None:
+        return ModeTarget(settings.modes, settings.modes_to_hz)
     raise ModelError(
         f"component {component.name}: no number of fixed-interface modes was chosen; set reduction.modes or reduction.modes_to"
     )
@@ -131,8 +128,7 @@ def _kept_modes(element: Superelement, target: ModeTarget | None) -> tuple[int, 
     frequencies = element.modal_frequencies_hz
     if not len(frequencies) or target is None or target.count == 0:
         return 0, 0.0 if len(frequencies) else element.cutoff_hz
-    wanted = int((frequencies <= target.up_to_hz).sum()) if target.up_to_hz is not None else target.count or 0
-    count = cluster_end(frequencies, min(wanted, len(frequencies)))
+    count = cluster_end(frequencies, min(target.count_wanted(frequencies), len(frequencies)))
     return count, float(frequencies[count]) if count < len(frequencies) else element.cutoff_hz
 
 

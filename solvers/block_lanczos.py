@@ -21,16 +21,27 @@ NO_LEAK = 1e-11
 MAXIMUM_PASSES = 4
 MULTIPLICITY_TOLERANCE = 1e-4
 FRESH_PHASE = 1e3
+MOST_VECTORS = 1000  # of a search up to a frequency
 
 Operator = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
 class ModeTarget:
-    """Which modes are wanted: the lowest ``count``, or all up to ``up_to_hz``; a cluster at the end is always completed."""
+    """Which modes are wanted: the lowest ``count``, all up to ``up_to_hz``, or with both whichever are fewer.
+
+    A cluster at the end is always completed.
+    """
 
     count: int | None = None
     up_to_hz: float | None = None
+
+    def count_wanted(self, frequencies: FloatArray) -> int:
+        """How many are wanted where these are the lowest frequencies [Hz], rising; a count may go beyond them."""
+        limits = [] if self.count is None else [self.count]
+        if self.up_to_hz is not None:
+            limits.append(int((frequencies <= self.up_to_hz).sum()))
+        return min(limits, default=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +82,7 @@ def lowest_eigenpairs(
     Source: Grimes, Lewis and Simon (1994); residual bound: Parlett (1980), sec. 13.2.
     """
     space = _KrylovSpace(apply_inverse, apply_mass, comm, start)
-    limit = min(dimension, max(20 * (target.count or 40) + 200, 1000))
+    limit = min(dimension, max(20 * (target.count or 40) + 200 if target.up_to_hz is None else 0, MOST_VECTORS))
     while True:
         exhausted = not space.expand(limit)
         values, vectors, bounds = space.ritz_pairs()
@@ -87,7 +98,7 @@ def lowest_eigenpairs(
             done = int((bounds < RITZ_TOLERANCE).sum())
             raise ConvergenceError(
                 f"block Lanczos found {done} modes to {RITZ_TOLERANCE:g} with {space.size} vectors and could not finish {target}; "
-                "ask for fewer modes"
+                "ask for fewer modes (reduction.modes, or a lower reduction.modes_to)"
             )
     shapes = space.combine(vectors[:, :selected])
     following = 1.0 / values[selected] if selected < len(values) else np.inf
@@ -104,10 +115,9 @@ def cluster_end(frequencies: FloatArray, count: int) -> int:
 def _select(values: FloatArray, bounds: FloatArray, target: ModeTarget, complete: bool) -> int | None:
     """Number of converged leading pairs that fulfil the target, or None if not there yet."""
     frequencies = np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
-    if target.up_to_hz is not None:
-        wanted = int((frequencies <= target.up_to_hz).sum())
-    else:
-        wanted = min(target.count or 0, len(values)) if complete else (target.count or 0)
+    wanted = target.count_wanted(frequencies)
+    if complete:
+        wanted = min(wanted, len(values))
     if not complete and wanted >= len(values):
         return None
     end = cluster_end(frequencies, wanted)

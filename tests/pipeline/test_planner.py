@@ -14,7 +14,7 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, SuperelementFile
 from headstock.pipeline.analysis_requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.pipeline.budgets import BudgetError, check_elapsed
-from headstock.pipeline.planner import FRF_MARGIN, MODE_MARGIN, default_mode_count, plan_scene
+from headstock.pipeline.planner import FRF_MARGIN, MODE_MARGIN, MOST_DEFAULT_MODES, default_mode_count, plan_scene
 from headstock.pipeline.scene import Limits, Scene
 from headstock.pipeline.stages import Stage
 
@@ -79,7 +79,7 @@ def test_the_scene_decides_how_many_modes_are_kept() -> None:
 def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis() -> None:
     request = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=200.0)
     plan = plan_scene(make_scene(make_component("column"), frf=request, modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=FRF_MARGIN * 200.0)
+    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=FRF_MARGIN * 200.0, modes=MOST_DEFAULT_MODES)
     alone = plan_scene(make_scene(make_component("column"), frf=request))
     assert alone.with_modes
     assert [stage.kind for stage in alone.stages][-3:] == ["couple", "frf", "write"]
@@ -87,7 +87,15 @@ def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis(
 
 def test_modes_reach_three_times_the_wanted_frequency() -> None:
     plan = plan_scene(make_scene(make_component("column"), modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=MODE_MARGIN * 500.0)
+    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=MODE_MARGIN * 500.0, modes=MOST_DEFAULT_MODES)
+
+
+@pytest.mark.parametrize("what", ["modal", "frf"])
+def test_modes_of_a_component_without_interfaces_are_exact_and_need_no_margin_but_for_their_errors(what: str) -> None:
+    request = ModalRequest(up_to_hz=500.0) if what == "modal" else FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=500.0)
+    bare = dataclasses.replace(make_component("column"), interfaces={})
+    plan = plan_scene(make_scene(bare, **{what: request}))
+    assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=1.5 * 500.0, modes=MOST_DEFAULT_MODES)
 
 
 @pytest.mark.parametrize(("wanted", "kept"), [(1, 20), (6, 20), (30, 68)])

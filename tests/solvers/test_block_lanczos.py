@@ -88,3 +88,13 @@ def test_a_space_that_closes_early_is_widened_until_every_mode_is_found():
 @pytest.mark.parametrize(("count", "end"), [(0, 0), (1, 1), (2, 4), (3, 4), (4, 4), (5, 5)])
 def test_a_cluster_is_never_cut(count, end):
     assert cluster_end(np.array([1.0, 2.0, 2.004, 2.009, 3.0]), count) == end
+
+
+def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil):
+    limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
+    assert len(search(pencil, ModeTarget(count=5, up_to_hz=limit)).values) < 12
+    assert len(search(pencil, ModeTarget(count=50, up_to_hz=limit)).values) == len(
+        search(pencil, ModeTarget(up_to_hz=limit)).values
+    )
+    few = search(pencil, ModeTarget(count=5, up_to_hz=limit))
+    assert few.next_value == pytest.approx(pencil[0][len(few.values)], rel=1e-3)
