@@ -131,12 +131,15 @@ def _judge(error: BaseException) -> tuple[int, str]:
     import click
 
     from headstock.geometry.errors import HeadstockError
+    from headstock.meshing.errors import PartFileError
     from headstock.pipeline.scene_errors import SceneError
 
     if isinstance(error, SceneError):
         return BAD_INPUT, str(error)
     if isinstance(error, click.ClickException):
         return error.exit_code, f"error: {error.format_message()}"
+    if isinstance(error, PartFileError):
+        return BAD_INPUT, f"error: {error}"
     if isinstance(error, HeadstockError):
         return FAILED, f"{type(error).__name__}: {error}"
     if isinstance(error, KeyboardInterrupt):

@@ -17,7 +17,7 @@ from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
 from headstock.meshing.mesh_skins import unmeshed_skin
 from headstock.pipeline.json_texts import dump_json
-from headstock.pipeline.outputs import check_output, write_output
+from headstock.pipeline.outputs import check_output, prepare_output, write_output
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_loader import load_scene
 
@@ -46,9 +46,8 @@ def show_file(request: ShowRequest) -> int:
         MeshError: The STEP file cannot be read.
         click.UsageError: An option does not fit.
     """
-    if request.picture is not None and not request.picture.absolute().parent.is_dir():
-        raise click.UsageError(f"there is no folder {request.picture.parent} for the picture")
     if request.picture is not None:
+        prepare_output(request.picture.absolute().parent)
         check_output(request.picture)
     if request.path.suffix.lower() in STEP_SUFFIXES:
         if request.component is not None:

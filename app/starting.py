@@ -18,8 +18,11 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.interface_suggestions import SuggestedInterface, suggest_interfaces
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
+from headstock.meshing.component_meshing import mesh_component
+from headstock.meshing.errors import MeshError
 from headstock.pipeline.editor_schema import scene_schema
 from headstock.pipeline.json_texts import dump_json
+from headstock.pipeline.scene_loader import load_scene
 
 PART_NAME = "part"
 
@@ -81,7 +84,7 @@ def start_scene(request: StartRequest) -> int:
 
     Raises:
         click.UsageError: The folder is taken, or the part is no STEP file.
-        HeadstockError: The part cannot be read or has no two planes to hold it at.
+        HeadstockError: The part cannot be read or meshed, or has no two planes to hold it at.
     """
     folder = request.folder.absolute() if request.folder.name in ("", "..") else request.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -102,10 +105,26 @@ def start_scene(request: StartRequest) -> int:
     if doubt is not None:
         console.print(f"warning: {doubt}", style="yellow", markup=False)
     scene = folder / _scene_name(folder)
+    if request.part is not None:
+        _try_mesh(scene)
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
     console.print(f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}", markup=False, soft_wrap=True)
     return 0
+
+
+def _try_mesh(path: Path) -> None:
+    """Mesh the part as its scene has it: what cannot be meshed is better known now.
+
+    Raises:
+        MeshError: It cannot; the folder stays, for a part that is mended.
+    """
+    scene = load_scene(path)
+    (component,) = scene.machine.components.values()
+    try:
+        mesh_component(component)
+    except MeshError as error:
+        raise MeshError(f"{path} is written, but its part cannot be meshed as it is: {error}") from error
 
 
 def _fill_folder(folder: Path, text: str, part: Path | None) -> None:

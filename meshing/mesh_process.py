@@ -6,10 +6,10 @@ import os
 import tempfile
 from pathlib import Path
 
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.guarded_process import ChildEnd, ChildLimits, run_guarded
 from headstock.meshing.mesh_job import MeshData, MeshJob, format_job, read_data
-from headstock.meshing.mesh_worker import REFUSED
+from headstock.meshing.mesh_worker import BAD_FILE, REFUSED
 
 GMSH_WORKER = "headstock.meshing.gmsh_worker"
 FOREIGN_WORKER = "headstock.meshing.foreign_worker"
@@ -74,11 +74,14 @@ def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
         error = MeshError(f"{what}: the mesh could not be written: {os.strerror(lost)}; make room in {tempfile.gettempdir()}")
         error.__cause__ = OSError(lost, os.strerror(lost))
         return error
-    return MeshError(f"{what}: {_explain(end, job)}")
+    reason = _explain(end, job)
+    # a file is named once where it is all that is looked at
+    text = reason if reason.startswith(what) else f"{what}: {reason}"
+    return PartFileError(text) if end.code == BAD_FILE else MeshError(text)
 
 
 def _explain(end: ChildEnd, job: MeshJob) -> str:
-    if end.code == REFUSED:
+    if end.code in (REFUSED, BAD_FILE):
         return end.last_line
     doing, remedy = "meshing", "write a larger mesh size"
     if job.task == "file":

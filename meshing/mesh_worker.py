@@ -4,11 +4,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.guarded_process import accept_guard
 from headstock.meshing.mesh_job import MeshData, MeshJob, parse_job, write_data
 
-REFUSED = 3
+REFUSED, BAD_FILE = 3, 4
 
 
 def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> int:
@@ -19,14 +19,14 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
         perform: Does the job.
 
     Returns:
-        Exit code: 0 done, 3 refused for a stated reason.
+        Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame.
     """
     (result,) = accept_guard(arguments)
     try:
         data = perform(parse_job(sys.stdin.read()))
     except MeshError as error:
         sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
-        return REFUSED
+        return BAD_FILE if isinstance(error, PartFileError) else REFUSED
     with os.fdopen(int(result), "wb") as file:
         write_data(file, data)
     return 0

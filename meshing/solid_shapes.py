@@ -1,5 +1,6 @@
 """CAD shapes of solids in the open gmsh model (OpenCASCADE kernel)."""
 
+import re
 from pathlib import Path
 
 import gmsh
@@ -7,7 +8,7 @@ import gmsh
 from headstock.geometry.patches import column_cells, planar_boxes
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
 from headstock.meshing.cad_survey import STEP_UNIT, doubt_size
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, PartFileError
 
 Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]
@@ -78,7 +79,8 @@ def _import_step(solid: StepFile) -> int:
         raise MeshError(f"there is no file {path}")
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(4096):
-            raise MeshError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
+            raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
+    _refuse_odd_numbers(path)
     try:
         found = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
     except Exception as error:  # gmsh raises the bare class
@@ -86,7 +88,7 @@ def _import_step(solid: StepFile) -> int:
     gmsh.model.occ.synchronize()
     volumes = [tag for dim, tag in found if dim == 3]
     if not volumes:
-        raise MeshError(f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body")
+        raise PartFileError(f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body")
     chosen = _choose_solid(solid.solid, volumes, path.name)
     gmsh.model.occ.remove([(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True)
     box = gmsh.model.occ.getBoundingBox(3, chosen)
@@ -96,20 +98,34 @@ def _import_step(solid: StepFile) -> int:
     return chosen
 
 
+def _refuse_odd_numbers(path: Path) -> None:
+    """A coordinate that is no number keeps the kernel busy for minutes, or ends it."""
+    text = re.sub(rb"'[^']*'", b"''", path.read_bytes())
+    odd = re.search(rb"[(,]\s*([+-]?(?:nan|inf(?:inity)?|1\.#\w+))\b", text, re.IGNORECASE)
+    if odd is not None:
+        line = text[: odd.start()].count(b"\n") + 1
+        raise PartFileError(f"{path.name}:{line} holds {odd[1].decode()} in place of a number; export the part again")
+
+
 def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> int:
     names = [str(gmsh.model.getEntityName(3, tag)).split("/")[-1] for tag in volumes]
-    listing = ", ".join(f"{i}: {name or 'no name'}" for i, name in enumerate(names, 1))
+    # the translator numbers what nobody named
+    known = {i: name for i, name in enumerate(names, 1) if name and not name.startswith("Open CASCADE")}
+    listing = ", ".join(f"{i}: {name}" for i, name in known.items()) or f"1 to {len(volumes)}, without names"
     if wanted is None and len(volumes) == 1:
         return volumes[0]
     if wanted is None:
-        raise MeshError(f"{file} holds {len(volumes)} solids; choose one by number or name ({listing})")
+        raise PartFileError(
+            f'{file} holds {len(volumes)} solids; choose one: --solid 1 (in a scene: solid = {{ step = "{file}", solid = 1 }}), or by its name; '
+            f"it holds {listing}"
+        )
     if isinstance(wanted, int):
         if not 1 <= wanted <= len(volumes):
-            raise MeshError(f"{file} has no solid number {wanted}, counted from 1; it holds {listing}")
+            raise PartFileError(f"{file} has no solid number {wanted}, counted from 1; it holds {listing}")
         return volumes[wanted - 1]
     matches = [tag for tag, name in zip(volumes, names, strict=True) if name == wanted]
     if len(matches) != 1:
-        raise MeshError(f"{file} has {len(matches)} solids named {wanted!r}; it holds {listing}")
+        raise PartFileError(f"{file} has {len(matches)} solids named {wanted!r}; it holds {listing}")
     return matches[0]
 
 

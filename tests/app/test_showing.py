@@ -11,7 +11,9 @@ import pytest
 
 from headstock.app.command_line import main
 from headstock.app.numbered_pictures import LabelledSurface, draw_numbered
+from headstock.geometry.components import Component
 from headstock.geometry.solid_skins import box_skin
+from headstock.meshing.errors import MeshError
 from headstock.pipeline.scene_loader import load_scene
 
 SUPPORT = Path(__file__).parent.parent / "data" / "support.step"
@@ -88,6 +90,25 @@ def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder
     assert set(load_scene(path).machine.components["part"].interfaces) == {"bottom", "top", "holes_1", "holes_2", "bore"}
 
 
+def test_a_part_that_cannot_be_meshed_is_not_called_ready(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(component: Component) -> None:
+        raise MeshError(f"{component.name}: face 7 crosses face 9")
+
+    monkeypatch.setattr("headstock.app.starting.mesh_component", refuse)
+    assert main(["new", "mine", "--part", str(SUPPORT)]) == 1
+    said = capsys.readouterr()
+    assert "cannot be meshed as it is: part: face 7 crosses face 9" in said.err
+    assert "ready" not in said.out
+    assert (folder / "mine" / "mine.toml").is_file()
+
+
+def test_a_picture_makes_its_folder(folder: Path) -> None:
+    assert main(["show", str(SUPPORT), "-o", "pictures/part.png"]) == 0
+    assert is_png(folder / "pictures" / "part.png")
+
+
 def test_nothing_is_overwritten_by_a_new_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "mine").mkdir()
     (folder / "mine" / "notes.txt").write_text("precious")
@@ -114,8 +135,10 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsy
         gmsh.write(str(folder / "pair.step"))
     finally:
         gmsh.finalize()
-    assert main(["show", "pair.step"]) == 1
-    assert "2 solids" in capsys.readouterr().err
+    assert main(["show", "pair.step"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: pair.step holds 2 solids; choose one: --solid 1")
+    assert said.count("pair.step") == 2, "once as the file, once in what to write"
     assert main(["show", "pair.step", "--solid", "2"]) == 0
     assert "60 × 10 × 10 mm" in capsys.readouterr().out
     assert main(["new", "mine", "--part", "pair.step", "--solid", "2"]) == 0
@@ -132,9 +155,12 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsy
         (["show", "pipe.step"], "no regular file"),
         (["show", "missing.toml"], "missing.toml"),
         (["show", "part.step", "--component", "x"], "--component goes with a scene"),
+        (["show", "odd.step"], "odd.step:3 holds -NaN in place of a number"),
+        (["new", "odd", "--part", "odd.step"], "odd.step:3 holds -NaN in place of a number"),
     ],
 )
 def test_what_cannot_be_shown_is_named(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
     os.mkfifo(folder / "pipe.step")
+    (folder / "odd.step").write_text("ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n")
     assert main(arguments) in (1, 2)
     assert words in capsys.readouterr().err
