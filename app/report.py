@@ -34,7 +34,7 @@ from headstock.app.report_map import draw_map, map_layers
 from headstock.app.report_notes import judge_numbers
 from headstock.app.report_path import draw_path
 from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
-from headstock.app.viewer_data import EncodedMachine, encode_machine
+from headstock.app.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.geometry.machines import show_position
 from headstock.pipeline.frf_results import ResponseCurves
 from headstock.pipeline.json_texts import Json
@@ -91,7 +91,7 @@ def render_report(
     colors = component_colors(view)
     static = static_by_pose(summary)
     tables = [*list_tables(summary), *map(tabulate_response, curves)]
-    machine = encode_machine(view, _captions(summary, view))
+    machine = encode_machine(view, _captions(summary, view, static))
     return (
         report_environment()
         .get_template(TEMPLATE)
@@ -208,16 +208,23 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
     return found
 
 
-def _captions(summary: Json, view: MachineView) -> dict[str, list[tuple[str, str, str]]]:
-    captions: dict[str, list[tuple[str, str, str]]] = {name: [] for name in view.poses}
+def _captions(summary: Json, view: MachineView, static: Mapping[str, Json]) -> dict[str, list[Caption]]:
+    """Forces first, then modes in which something deforms, last those in which the machine moves as a whole."""
+    captions: dict[str, list[Caption]] = {name: [] for name in view.poses}
     for name, pose in view.poses.items():
         for push in pose.pushes:
             point, _, direction = push.rpartition(" ")
-            captions[name].append((f"push:{push}", f"Force in {direction}", f"at {point}, static"))
+            shares = static.get(name, {}).get(point, {}).get("budget", {}).get(direction, {})
+            text = f"1 kN at {point}, static"
+            captions[name].append(Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares))
     for modes in summary["modal"]:
+        found = []
         for index, (hz, name) in enumerate(zip(modes["frequencies_hz"], modes["mode_names"], strict=True)):
-            lead = "0 Hz" if index < modes["rigid_count"] else f"{format_number(hz)} Hz"
-            captions.setdefault(modes["pose_name"], []).append((f"mode:{index}", lead, name))
+            free = index < modes["rigid_count"]
+            kind: Kind = "whole" if free or WHOLE_MACHINE in name else "mode"
+            lead = "0 Hz" if free else f"{format_number(hz)} Hz"
+            found.append(Caption(f"mode:{index}", lead, name, kind, 0.0 if free else hz, modes["energy_share"][index]))
+        captions.setdefault(modes["pose_name"], []).extend(sorted(found, key=lambda caption: caption.kind == "whole"))
     return captions
 
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from headstock.geometry.components import Component
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machines import Machine
-from headstock.geometry.skins import Skin, split_skin
+from headstock.geometry.materials import Material
+from headstock.geometry.skins import IntArray, Skin, split_skin
 from headstock.geometry.solid_skins import inertia_skin, solid_skin
 from headstock.reduction.body_fields import carried_motion
 from headstock.reduction.coupling import CoupledMachine
@@ -71,11 +72,19 @@ class PoseView:
 
 @dataclass(frozen=True, eq=False)
 class MachineView:
-    """Everything there is to draw: the skin of each component in its own frame, the direction of each axis, and the poses."""
+    """Everything there is to draw.
+
+    Attributes:
+        skins: Surface of each component in its own frame.
+        axes: Direction of each axis.
+        poses: By name.
+        materials: Of the components whose surface strains are known: those that were meshed.
+    """
 
     skins: dict[str, Skin] = field(default_factory=dict)
     axes: dict[str, FloatArray] = field(default_factory=dict)
     poses: dict[str, PoseView] = field(default_factory=dict)
+    materials: dict[str, Material] = field(default_factory=dict)
 
 
 def component_colors(view: MachineView) -> dict[str, str]:
@@ -130,6 +139,44 @@ def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatA
         shifts = moved.T.reshape(stacked.shape[1], -1, 3) @ placement.rotation.T
         found[name] = shifts.astype(np.float32)
     return found
+
+
+def surface_energy_density(points: FloatArray, triangles: IntArray, shift: ShiftArray, material: Material) -> FloatArray:
+    """Strain energy per volume just below a free surface [J/m^3], from how the surface itself is strained.
+
+    No traction acts on a free surface, so the stress there is plane and its energy follows from the strains in the surface, each
+    triangle being a strain gauge. Where an interface, a load or a support acts on the surface, the part of the energy that the
+    traction does is missing.
+
+    Args:
+        points: ``(n, 3)`` [m].
+        triangles: ``(m, 3)``.
+        shift: ``(n, 3)`` displacement [m], in the axes of the points.
+        material: Of the body.
+
+    Returns:
+        ``(n,)`` means over the triangles at each point, by area.
+
+    Source: Timoshenko and Goodier (1970), Theory of Elasticity, plane stress.
+    """
+    corners, moved = points[triangles], shift[triangles].astype(float)
+    sides, strained = corners[:, 1:] - corners[:, :1], moved[:, 1:] - moved[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    doubled = np.linalg.norm(normals, axis=1)
+    whole = doubled > 0.0
+    sides, strained, normals, doubled = sides[whole], strained[whole], normals[whole], doubled[whole]
+    first = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1, keepdims=True)
+    axes = np.stack([first, np.cross(normals / doubled[:, None], first)], axis=2)
+    # rows of both: the two sides; columns: the two axes in the plane. gradient^T = places^-1 shifts
+    places, shifts = sides @ axes, strained @ axes
+    gradient = np.linalg.solve(places, shifts)
+    strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+    nu = material.poisson_ratio
+    trace, squares = strain[:, 0, 0] + strain[:, 1, 1], np.einsum("mij,mij->m", strain, strain)
+    density = 0.5 * material.youngs_modulus / (1.0 - nu**2) * (nu * trace**2 + (1.0 - nu) * squares)
+    corner = triangles[whole].ravel()
+    area = np.bincount(corner, np.repeat(doubled, 3), minlength=len(points))
+    return np.asarray(np.bincount(corner, np.repeat(doubled * density, 3), minlength=len(points)) / np.where(area > 0.0, area, 1.0))
 
 
 def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:

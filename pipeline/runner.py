@@ -197,7 +197,12 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         warnings=tuple(state.warnings),
         failures=tuple(state.failures),
         files=dict(state.files),
-        view=MachineView(state.skins, {name: axis.direction for name, axis in state.scene.machine.axes.items()}, state.views),
+        view=MachineView(
+            state.skins,
+            {name: axis.direction for name, axis in state.scene.machine.axes.items()},
+            state.views,
+            {name: state.plan.components[name].material for name, skin in state.skins.items() if skin.source == "mesh"},
+        ),
     )
 
 

@@ -1,9 +1,10 @@
 // The 3D view of the report: the machine at rest, under a force at a point, and swinging in its natural modes.
 // Built into viewer.bundle.js by `npm ci && npm run build` in this folder; everything it shows comes from the page itself.
 import {
-  AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, Group, HemisphereLight, LineBasicMaterial, LineSegments,
-  Matrix4, Mesh, MeshBasicMaterial, MeshStandardMaterial, OctahedronGeometry, OrthographicCamera, PerspectiveCamera, Raycaster,
-  Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer, WebGLRenderTarget,
+  AmbientLight, BackSide, BufferAttribute, BufferGeometry, Color, ConeGeometry, CylinderGeometry, DecrementWrapStencilOp,
+  DirectionalLight, DoubleSide, FrontSide, Group, HemisphereLight, IncrementWrapStencilOp, LineBasicMaterial, LineSegments, Matrix4,
+  Mesh, MeshBasicMaterial, MeshStandardMaterial, NotEqualStencilFunc, OctahedronGeometry, OrthographicCamera, PerspectiveCamera, Plane,
+  PlaneGeometry, Quaternion, Raycaster, Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer, WebGLRenderTarget, ZeroStencilOp,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
@@ -14,6 +15,14 @@ const FREE_KINDS = new Set(["revolute", "universal", "spherical", "prismatic"]);
 const SWING_SHARE = 0.06;
 const PERIOD = 1.6;
 const THUMB = [216, 162];
+// the half towards the usual viewer goes
+const CUTS = { x: [-1, 0, 0], y: [0, 1, 0], z: [0, 0, -1] };
+const ARROW = 0.16;
+const NARROW = 560;
+const FIELDS = { component: 0, displacement: 1, energy: 2 };
+// where a label may stand from its mark, in widths and heights of itself and pixels; the first free place is taken
+const PLACES = [[0, -0.5, 9, 0], [-1, -0.5, -9, 0], [-0.5, -1, 0, -9], [-0.5, 0, 0, 9], [0, -1, 6, -6], [0, 0, 6, 6], [-1, -1, -6, -6], [-1, 0, -6, 6],
+  [-0.5, -2.2, 0, -9], [-0.5, 1.2, 0, 9], [0, -2, 12, -9], [0, 1, 12, 9]];
 
 const byId = (id) => document.getElementById(id);
 const make = (tag, className, text) => {
@@ -29,32 +38,44 @@ async function unpack(text) {
   return new Response(stream).arrayBuffer();
 }
 
-// reads typed arrays one after the other; slices, so that alignment is no concern
+// reads columns of whole numbers one after the other: of each number the difference from the one before, lowest bytes of all first
 function reader(buffer) {
+  const bytes = new Uint8Array(buffer);
   let place = 0;
-  return (Type, count) => {
-    const size = count * Type.BYTES_PER_ELEMENT;
-    const part = new Type(buffer.slice(place, place + size));
-    place += size;
-    return part;
+  return (Type, rows, columns) => {
+    const count = rows * columns;
+    const found = new Type(count);
+    for (let c = 0, k = 0; c < columns; c++) {
+      for (let i = 0, value = 0; i < rows; i++, k++) {
+        let step = 0;
+        for (let b = 0; b < Type.BYTES_PER_ELEMENT; b++) step |= bytes[place + b * count + k] << (8 * b);
+        value = (value + step) | 0;
+        found[i * columns + c] = value;
+      }
+    }
+    place += count * Type.BYTES_PER_ELEMENT;
+    return found;
   };
 }
 
 function readComponents(data, read) {
   return data.components.map((about) => {
-    const raw = read(Uint16Array, 3 * about.points);
+    const raw = read(Uint16Array, about.points, 3);
     const points = new Float32Array(raw.length);
     for (let i = 0; i < raw.length; i++) points[i] = about.low[i % 3] + raw[i] * about.step[i % 3];
-    const Index = about.wide ? Uint32Array : Uint16Array;
-    return { ...about, position: points, faces: read(Index, 3 * about.triangles), lines: read(Index, 2 * about.edges) };
+    return { ...about, position: points, faces: read(Uint32Array, about.triangles, 3), lines: read(Uint32Array, about.edges, 2) };
   });
 }
 
-// pose by pose a map from the id of a shape to a displacement per body: typed numbers, or six for one that moves rigidly
+// pose by pose a map from the id of a shape to what is known of it, with a displacement per body (typed numbers, or six for one that
+// moves rigidly) and the energy density at its points, where it is known
 function readShapes(data, components, read) {
   const Type = data.bytes === 2 ? Int16Array : Int8Array;
-  return data.poses.map((pose) =>
-    new Map(pose.shapes.map(({ id, rigid }) => [id, components.map((c, i) => rigid[i] ?? read(Type, 3 * c.points))])));
+  return data.poses.map((pose) => new Map(pose.shapes.map((about) => [about.id, {
+    ...about,
+    parts: components.map((c, i) => about.rigid[i] ?? read(Type, c.points, 3)),
+    energies: components.map((c, i) => (about.resolved[i] ? read(Uint8Array, c.points, 1) : null)),
+  }])));
 }
 
 // a rigid fit may pass the largest displacement by a little
@@ -84,24 +105,35 @@ vec3 ramp(float s) {
   return found;
 }`;
 
-// adds the displacement, given in machine axes, behind the placement of the body
-function shifted(material, shared, tinted) {
+// adds the displacement, given in machine axes, behind the placement of the body; field 1 colours by displacement, 2 by energy density
+function shifted(material, shared, tinted, resolved) {
   material.onBeforeCompile = (shader) => {
-    Object.assign(shader.uniforms, shared);
+    Object.assign(shader.uniforms, shared, { resolved });
     shader.vertexShader = shader.vertexShader
-      .replace("#include <common>", "#include <common>\nattribute vec3 shift;\nuniform float swing;\nvarying float vShare;")
+      .replace("#include <common>", "#include <common>\nattribute vec3 shift;\nattribute float energy;\nuniform float swing;\nuniform float field;\nvarying float vShare;")
       .replace("#include <project_vertex>", `
-        vShare = length(shift);
+        vShare = field > 1.5 ? energy : length(shift);
         vec4 placed = modelMatrix * vec4(transformed, 1.0);
         placed.xyz += swing * shift;
         vec4 mvPosition = viewMatrix * placed;
         gl_Position = projectionMatrix * mvPosition;`);
     if (!tinted) return;
     shader.fragmentShader = shader.fragmentShader
-      .replace("#include <common>", `#include <common>\nuniform float tint;\nvarying float vShare;\n${ramp}`)
-      .replace("#include <color_fragment>", "#include <color_fragment>\ndiffuseColor.rgb = mix(diffuseColor.rgb, ramp(vShare), tint);");
+      .replace("#include <common>", `#include <common>\nuniform float field;\nuniform float resolved;\nvarying float vShare;\n${ramp}`)
+      .replace("#include <color_fragment>", `#include <color_fragment>
+        if (field > 1.5 && resolved < 0.5) diffuseColor.rgb = vec3(0.62, 0.65, 0.69);
+        else if (field > 0.5) diffuseColor.rgb = ramp(vShare);`);
   };
   material.customProgramCacheKey = () => (tinted ? "shifted tinted" : "shifted");
+  return material;
+}
+
+// what is cut is hatched, in the colour of the body
+function hatched(material) {
+  material.onBeforeCompile = (shader) => {
+    shader.fragmentShader = shader.fragmentShader.replace("#include <opaque_fragment>", `#include <opaque_fragment>
+      gl_FragColor.rgb *= 1.0 - 0.45 * smoothstep(0.7, 0.8, fract((gl_FragCoord.x + gl_FragCoord.y) / 14.0));`);
+  };
   return material;
 }
 
@@ -109,10 +141,13 @@ class Viewer {
   constructor(data, components, shapes) {
     Object.assign(this, { data, components, shapes, pose: 0, shape: null, playing: false, phase: 0.25, dirty: true });
     this.size = data.size;
-    this.shared = { swing: { value: 0 }, tint: { value: 0 } };
+    this.shared = { swing: { value: 0 }, field: { value: 0 } };
+    this.plane = new Plane();
+    this.planes = [];
     this.scene = new Scene();
     this.stage = byId("stage");
-    this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer = new WebGLRenderer({ antialias: true, alpha: true, stencil: true });
+    this.renderer.localClippingEnabled = true;
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
     this.stage.append(this.renderer.domElement);
     this.camera = new PerspectiveCamera(28, 1, this.size / 200, this.size * 50);
@@ -129,6 +164,8 @@ class Viewer {
     this.addBodies();
     this.marks = new Group();
     this.scene.add(this.marks);
+    this.arrows = new Group();
+    this.scene.add(this.arrows);
     this.labels = byId("labels");
     this.placePose(0);
     this.look("iso");
@@ -149,13 +186,14 @@ class Viewer {
     this.bodies = this.components.map((component) => {
       const position = new BufferAttribute(component.position, 3);
       const rest = new BufferAttribute(new Int8Array(3 * component.points), 3, true);
-      const face = new BufferGeometry().setAttribute("position", position).setAttribute("shift", rest);
-      face.setIndex(new BufferAttribute(component.faces, 1));
-      const line = new BufferGeometry().setAttribute("position", position).setAttribute("shift", rest);
-      line.setIndex(new BufferAttribute(component.lines, 1));
+      const calm = new BufferAttribute(new Uint8Array(component.points), 1, true);
+      const geometry = (index) => new BufferGeometry().setAttribute("position", position).setAttribute("shift", rest)
+        .setAttribute("energy", calm).setIndex(new BufferAttribute(index, 1));
+      const [face, line] = [geometry(component.faces), geometry(component.lines)];
+      const resolved = { value: 0 };
       const surface = { color: component.color, flatShading: true, roughness: 0.62, metalness: 0.05 };
       const offset = { polygonOffset: true, polygonOffsetFactor: 1.2, polygonOffsetUnits: 1.2 };
-      const mesh = new Mesh(face, shifted(new MeshStandardMaterial({ ...surface, ...offset }), this.shared, true));
+      const mesh = new Mesh(face, shifted(new MeshStandardMaterial({ ...surface, ...offset }), this.shared, true, resolved));
       const edges = new LineSegments(line, shifted(new LineBasicMaterial({ color: "#131a24", transparent: true, opacity: 0.75 }), this.shared));
       const ghost = new LineSegments(line, new LineBasicMaterial({ color: "#7b8694", transparent: true, opacity: 0.4, depthWrite: false }));
       ghost.renderOrder = -1;
@@ -165,9 +203,77 @@ class Viewer {
       group.matrixAutoUpdate = false;
       for (const part of [mesh, edges, ghost]) part.frustumCulled = false;
       this.scene.add(group);
-      return { component, group, mesh, edges, ghost, face, line, rest, visible: true };
+      return { component, group, mesh, edges, ghost, geometries: [face, line], geometry, rest, calm, resolved, web: null, visible: true };
     });
   }
+
+  // the triangles as they are drawn
+  showWeb(wanted) {
+    for (const body of this.bodies) {
+      if (wanted && !body.web) {
+        const { faces, points } = body.component;
+        const sides = new Map();
+        for (let k = 0; k < faces.length; k += 3) for (const [a, b] of [[0, 1], [1, 2], [2, 0]]) {
+          const [low, high] = [Math.min(faces[k + a], faces[k + b]), Math.max(faces[k + a], faces[k + b])];
+          sides.set(low * points + high, [low, high]);
+        }
+        const lines = body.geometry(Uint32Array.from([...sides.values()].flat()));
+        body.web = new LineSegments(lines, shifted(new LineBasicMaterial({ color: "#131a24", transparent: true, opacity: 0.3 }), this.shared));
+        body.web.material.clippingPlanes = [...this.planes];
+        body.web.frustumCulled = false;
+        body.geometries.push(lines);
+        for (const name of ["shift", "energy"]) lines.setAttribute(name, body.geometries[0].getAttribute(name));
+        body.group.add(body.web);
+      }
+      if (body.web) body.web.visible = wanted;
+    }
+    this.dirty = true;
+  }
+
+  // cuts the machine across an axis, at a share of its size, or not at all
+  cutAcross(axis, share, turned) {
+    this.planes.length = 0;
+    if (axis) {
+      const [low, high] = this.data.box["xyz".indexOf(axis)];
+      const normal = new Vector3().fromArray(CUTS[axis]).multiplyScalar(turned ? -1 : 1);
+      const at = low + share * (high - low);
+      this.plane.set(normal, -normal.getComponent("xyz".indexOf(axis)) * at);
+      this.planes.push(this.plane);
+    }
+    for (const body of this.bodies) {
+      body.caps ??= this.addCaps(body);
+      for (const part of [body.mesh, body.edges, body.ghost, body.web, ...body.caps.counts]) {
+        if (!part) continue;
+        part.material.clippingPlanes = [...this.planes];
+        part.material.needsUpdate = true;
+      }
+      for (const count of body.caps.counts) count.visible = Boolean(axis);
+      body.caps.lid.quaternion.setFromUnitVectors(new Vector3(0, 0, 1), this.plane.normal.clone().negate());
+      this.plane.coplanarPoint(body.caps.lid.position).add(this.middle().projectOnPlane(this.plane.normal));
+    }
+    this.dirty = true;
+  }
+
+  // a lid on what is cut open: drawn where more back than front faces are seen behind the plane
+  addCaps(body) {
+    const order = 1 + this.bodies.indexOf(body);
+    const counts = [[BackSide, IncrementWrapStencilOp], [FrontSide, DecrementWrapStencilOp]].map(([side, step]) => {
+      const material = new MeshBasicMaterial({ side, depthTest: false, depthWrite: false, colorWrite: false, stencilWrite: true, stencilFail: step, stencilZFail: step, stencilZPass: step });
+      const count = new Mesh(body.geometries[0], shifted(material, this.shared));
+      count.renderOrder = order;
+      count.frustumCulled = false;
+      body.group.add(count);
+      return count;
+    });
+    const surface = new MeshBasicMaterial({ color: body.component.color, side: DoubleSide, stencilWrite: true, stencilFunc: NotEqualStencilFunc, stencilZPass: ZeroStencilOp, stencilZFail: ZeroStencilOp, stencilFail: ZeroStencilOp });
+    const lid = new Mesh(new PlaneGeometry(4 * this.size, 4 * this.size), hatched(surface));
+    lid.renderOrder = order + 0.5;
+    lid.onAfterRender = () => this.renderer.clearStencil();
+    this.scene.add(lid);
+    return { counts, lid };
+  }
+
+  middle() { return new Vector3().fromArray(this.data.box.map(([low, high]) => 0.5 * (low + high))); }
 
   placePose(number) {
     this.pose = number;
@@ -184,31 +290,85 @@ class Viewer {
   placeMarks(pose) {
     for (const mark of this.marks.children) { mark.geometry.dispose(); mark.material.dispose(); }
     this.marks.clear();
-    this.labels.replaceChildren();
-    this.tags = [];
+    const place = (geometry, color, about, text) => {
+      const mark = new Mesh(geometry, new MeshBasicMaterial({ color, depthTest: false, transparent: true, opacity: 0.9 }));
+      mark.renderOrder = 5;
+      mark.userData = { name: about.name, text, rest: new Vector3().fromArray(about.at), anchor: this.anchor(about.body, about.at) };
+      this.marks.add(mark);
+      return mark;
+    };
     for (const joint of pose.joints) {
       const kind = joint.kind === "rigid" ? "rigid" : FREE_KINDS.has(joint.kind) ? "free" : "spring";
-      const glyph = new Mesh(new OctahedronGeometry(0.0085 * this.size), new MeshBasicMaterial({ color: KINDS[kind], depthTest: false, transparent: true, opacity: 0.9 }));
-      glyph.position.fromArray(joint.at);
-      glyph.renderOrder = 5;
-      glyph.userData.text = `${joint.name}: ${joint.kind.replaceAll("_", " ")}, ${joint.first} – ${joint.second}`;
-      this.marks.add(glyph);
+      place(new OctahedronGeometry(0.0085 * this.size), KINDS[kind], joint, `${joint.name}: ${joint.kind.replaceAll("_", " ")}, ${joint.first} – ${joint.second}`);
     }
-    for (const point of pose.points) {
-      const ball = new Mesh(new SphereGeometry(0.011 * this.size, 20, 14), new MeshBasicMaterial({ color: "#d11a3a", depthTest: false, transparent: true }));
-      ball.position.fromArray(point.at);
+    this.tags = pose.points.map((point) => {
+      const ball = place(new SphereGeometry(0.011 * this.size, 20, 14), "#d11a3a", point, `${point.name}: ${point.tool} relative to ${point.work}`);
       ball.renderOrder = 6;
-      ball.userData.text = `${point.name}: ${point.tool} relative to ${point.work}`;
-      this.marks.add(ball);
-      const label = make("span", "tag", point.name);
-      this.labels.append(label);
-      this.tags.push([ball, label]);
-    }
-    this.marks.visible = byId("show-joints").checked && this.shape === null;
+      return [ball, make("span", "tag", point.name)];
+    });
   }
 
+  // the point of a body that is nearest to a place in the machine: marks and arrows move with it
+  anchor(body, place) {
+    if (body === null) return null;
+    const { position } = this.components[body];
+    const local = new Vector3().fromArray(place).applyMatrix4(this.bodies[body].group.matrix.clone().invert());
+    let [nearest, least] = [0, Infinity];
+    for (let k = 0; k < position.length; k += 3) {
+      const distance = (position[k] - local.x) ** 2 + (position[k + 1] - local.y) ** 2 + (position[k + 2] - local.z) ** 2;
+      if (distance < least) [nearest, least] = [k / 3, distance];
+    }
+    return { body, nearest, place };
+  }
+
+  // displacement of an anchor as a share of the largest one: exact on a body that moves rigidly
+  movement(anchor) {
+    const found = new Vector3();
+    if (!anchor || this.shape === null) return found;
+    const rigid = this.about().rigid[anchor.body];
+    if (rigid) {
+      const turn = new Vector3(...rigid.slice(3));
+      return found.fromArray(rigid).add(turn.cross(new Vector3(...anchor.place)));
+    }
+    const shift = this.bodies[anchor.body].geometries[0].getAttribute("shift");
+    return found.fromBufferAttribute(shift, anchor.nearest);
+  }
+
+  // the force of a static case where it acts on the tool, and its opposite on the work
+  placeArrows() {
+    for (const arrow of this.arrows.children) for (const part of arrow.children) { part.geometry.dispose(); part.material.dispose(); }
+    this.arrows.clear();
+    this.forceTags = [];
+    const about = this.shape === null ? null : this.about();
+    if (about?.kind !== "force") return;
+    const [name, axis] = [about.id.slice(5, -2), about.id.at(-1)];
+    const point = this.data.poses[this.pose].points.find((other) => other.name === name);
+    if (!point) return;
+    const direction = new Vector3().setComponent("xyz".indexOf(axis), 1);
+    const add = (at, body, sign, color) => {
+      const length = ARROW * this.size;
+      const arrow = new Group();
+      const part = (geometry, middle) => {
+        const mesh = new Mesh(geometry.translate(0, middle, 0), new MeshBasicMaterial({ color, depthTest: false, transparent: true, opacity: 0.95 }));
+        mesh.renderOrder = 7;
+        arrow.add(mesh);
+      };
+      part(new CylinderGeometry(0.04 * length, 0.04 * length, 0.74 * length, 16), 0.37 * length);
+      part(new ConeGeometry(0.11 * length, 0.28 * length, 24), 0.86 * length);
+      arrow.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), direction.clone().multiplyScalar(sign)));
+      arrow.userData = { rest: new Vector3().fromArray(at), anchor: this.anchor(body, at), head: direction.clone().multiplyScalar(sign * length) };
+      this.arrows.add(arrow);
+      const label = make("span", "tag force", "1 kN");
+      this.forceTags.push([arrow, label]);
+    };
+    add(point.at, point.body, 1, "#b1122f");
+    if (point.back && point.back_body !== null) add(point.back, point.back_body, -1, "#8a5a66");
+  }
+
+  about(pose = this.pose, id = this.shape) { return this.shapes[pose].get(id); }
+
   partsOf(pose, id) {
-    const parts = this.shapes[pose].get(id);
+    const { parts } = this.about(pose, id);
     parts.forEach((part, i) => {
       if (Array.isArray(part)) parts[i] = moveRigidly(part, this.data.poses[pose].frames[i], this.components[i].position);
     });
@@ -218,22 +378,31 @@ class Viewer {
   showShape(id) {
     this.shape = id;
     const parts = id === null ? null : this.partsOf(this.pose, id);
+    const energies = id === null ? [] : this.about().energies;
     this.bodies.forEach((body, i) => {
       const shift = parts ? new BufferAttribute(parts[i], 3, true) : body.rest;
-      body.face.setAttribute("shift", shift);
-      body.line.setAttribute("shift", shift);
+      const energy = energies[i] ? new BufferAttribute(energies[i], 1, true) : body.calm;
+      for (const geometry of body.geometries) geometry.setAttribute("shift", shift).setAttribute("energy", energy);
+      body.resolved.value = energies[i] ? 1 : 0;
       body.ghost.visible = parts !== null && byId("show-rest").checked;
     });
-    this.marks.visible = parts === null && byId("show-joints").checked;
-    this.labels.hidden = !this.marks.visible;
-    this.shared.tint.value = parts && byId("by-displacement").checked ? 1 : 0;
+    this.placeArrows();
+    this.marks.visible = byId("show-joints").checked;
+    this.labels.replaceChildren(...[...(this.marks.visible ? this.tags : []), ...this.forceTags].map(([, label]) => label));
+    this.shared.field.value = parts ? FIELDS[this.field()] : 0;
     this.phase = 0.25;
     this.dirty = true;
+    showLegend(this);
+  }
+
+  // what the colours show: energy densities only where there are some
+  field() {
+    const wanted = byId("colour").value;
+    return wanted === "energy" && !(this.shape !== null && this.about().peak > 0) ? "displacement" : wanted;
   }
 
   look(name) {
-    const box = this.data.box;
-    const center = new Vector3().fromArray(box.map(([low, high]) => 0.5 * (low + high)));
+    const center = this.middle();
     const direction = new Vector3().fromArray(VIEWS[name]).normalize();
     const right = new Vector3(0, 0, 1).cross(direction).normalize();
     const up = direction.clone().cross(right);
@@ -244,7 +413,7 @@ class Viewer {
       distance = Math.max(distance, wide / slope + corner.dot(direction));
     }
     this.controls.target.copy(center);
-    this.camera.position.copy(center).addScaledVector(direction, 1.06 * distance);
+    this.camera.position.copy(center).addScaledVector(direction, (this.stage.clientWidth < NARROW ? 1.2 : 1.06) * distance);
     this.controls.update();
     this.dirty = true;
   }
@@ -265,6 +434,9 @@ class Viewer {
     const { clientWidth: width, clientHeight: height } = this.stage;
     if (!width || !height) return;
     this.camera.aspect = width / height;
+    // where the legend is as wide as the picture the machine stands above it
+    if (width < NARROW) this.camera.setViewOffset(width, height, 0, 30, width, height);
+    else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
     this.renderer.setSize(width, height);
     this.dirty = true;
@@ -273,6 +445,7 @@ class Viewer {
   get amplitude() { return SWING_SHARE * this.size * Number(byId("amplitude").value); }
 
   frame(seconds) {
+    if (!this.seen) return;
     if (this.playing && this.shape !== null) { this.phase = (this.phase + seconds / PERIOD) % 1; this.dirty = true; }
     this.controls.update();
     if (!this.dirty) return;
@@ -282,15 +455,41 @@ class Viewer {
 
   draw() {
     this.shared.swing.value = this.shape === null ? 0 : this.amplitude * Math.sin(2 * Math.PI * this.phase);
+    for (const mark of [...this.marks.children, ...this.arrows.children]) {
+      mark.position.copy(mark.userData.rest).addScaledVector(this.movement(mark.userData.anchor), this.shared.swing.value);
+      mark.visible = this.isLeft(mark.position);
+    }
     this.headlight.quaternion.copy(this.camera.quaternion);
     this.headlight.updateMatrixWorld(true);
+    for (const body of this.bodies) if (body.caps) body.caps.lid.visible = body.visible && this.planes.length > 0;
     this.renderer.render(this.scene, this.camera);
-    const { clientWidth: width, clientHeight: height } = this.stage;
-    for (const [mark, label] of this.tags) {
-      const place = mark.position.clone().project(this.camera);
-      label.style.transform = `translate(${(0.5 * (place.x + 1) * width + 9).toFixed(1)}px, ${(0.5 * (1 - place.y) * height - 9).toFixed(1)}px)`;
-    }
+    this.placeLabels();
     drawTriad(this.camera);
+  }
+
+  // not on the side that was cut away
+  isLeft(place) { return this.planes.length === 0 || this.plane.distanceToPoint(place) >= 0; }
+
+  // each label beside its mark where none stands yet; without a free place it is left to the tooltip of the mark
+  placeLabels() {
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    const frame = this.stage.getBoundingClientRect();
+    const taken = [...document.querySelectorAll(".stage-frame > .corner, #legend:not([hidden]), #caption")].map((element) => {
+      const box = element.getBoundingClientRect();
+      return [box.left - frame.left, box.top - frame.top, box.right - frame.left, box.bottom - frame.top];
+    });
+    for (const [mark, label] of [...this.forceTags, ...(this.marks.visible ? this.tags : [])]) {
+      const at = mark.position.clone().add(mark.userData.head ?? new Vector3()).project(this.camera);
+      const [x, y] = [0.5 * (at.x + 1) * width, 0.5 * (1 - at.y) * height];
+      const [w, h] = [label.offsetWidth, label.offsetHeight];
+      const free = PLACES.map(([u, v, dx, dy]) => [x + u * w + dx, y + v * h + dy]).find(([left, top]) =>
+        left >= 0 && top >= 0 && left + w <= width && top + h <= height &&
+        taken.every(([l, t, r, b]) => left >= r || left + w <= l || top >= b || top + h <= t));
+      label.style.visibility = free && mark.visible && at.z < 1 ? "visible" : "hidden";
+      if (!free || !mark.visible) continue;
+      taken.push([free[0], free[1], free[0] + w, free[1] + h]);
+      label.style.transform = `translate(${free[0].toFixed(1)}px, ${free[1].toFixed(1)}px)`;
+    }
   }
 
   // the object under the pointer, for the tooltip
@@ -299,42 +498,56 @@ class Viewer {
     const at = new Vector2((2 * (event.clientX - area.left)) / area.width - 1, 1 - (2 * (event.clientY - area.top)) / area.height);
     const ray = new Raycaster();
     ray.setFromCamera(at, this.camera);
-    const marks = this.marks.visible ? ray.intersectObjects(this.marks.children, false) : [];
-    if (marks.length) return marks[0].object.userData.text;
+    const share = (name) => {
+      const found = this.shape === null ? undefined : this.about().shares[name];
+      return found === undefined ? "" : ` – ${percent(found)} of the strain energy`;
+    };
+    const marks = this.marks.visible ? ray.intersectObjects(this.marks.children.filter((mark) => mark.visible), false) : [];
+    if (marks.length) return marks[0].object.userData.text + share(marks[0].object.userData.name);
     const meshes = this.bodies.filter((body) => body.visible).map((body) => body.mesh);
-    const hit = ray.intersectObjects(meshes, false)[0];
-    return hit ? this.bodies.find((body) => body.mesh === hit.object).component.name : "";
+    const hit = ray.intersectObjects(meshes, false).find((other) => this.isLeft(other.point));
+    if (!hit) return "";
+    const { name } = this.bodies.find((body) => body.mesh === hit.object).component;
+    return name + share(name);
   }
 
   // a small picture of a shape at its turning point, drawn off screen
   thumbnail(pose, id) {
-    const kept = [this.pose, this.shape, this.playing, this.phase, this.shared.tint.value];
+    const kept = [this.pose, this.shape, this.playing, this.phase];
     const target = this.thumbTarget ??= new WebGLRenderTarget(THUMB[0], THUMB[1], { samples: 4 });
     const camera = this.thumbCamera ??= new OrthographicCamera();
     if (pose !== this.pose) this.placePose(pose);
     this.showShape(id);
-    this.marks.visible = false;
-    for (const body of this.bodies) body.ghost.visible = false;
+    this.marks.visible = this.arrows.visible = false;
+    for (const body of this.bodies) {
+      body.ghost.visible = false;
+      if (body.web) body.web.visible = false;
+      if (body.caps) body.caps.lid.visible = false;
+    }
     this.fitThumbnail(camera);
-    this.shared.tint.value = 1;
+    this.shared.field.value = FIELDS.displacement;
     this.shared.swing.value = SWING_SHARE * this.size;
     this.headlight.quaternion.copy(camera.quaternion);
     this.headlight.updateMatrixWorld(true);
+    this.renderer.localClippingEnabled = this.planes.length === 0;
     this.renderer.setRenderTarget(target);
     this.renderer.clear();
     this.renderer.render(this.scene, camera);
     const pixels = new Uint8Array(4 * THUMB[0] * THUMB[1]);
     this.renderer.readRenderTargetPixels(target, 0, 0, THUMB[0], THUMB[1], pixels);
     this.renderer.setRenderTarget(null);
+    this.arrows.visible = true;
+    for (const body of this.bodies) if (body.web) body.web.visible = byId("show-web").checked;
     if (pose !== kept[0]) this.placePose(kept[0]);
     this.showShape(kept[1]);
-    [this.playing, this.phase, this.shared.tint.value] = kept.slice(2);
+    [this.playing, this.phase] = kept.slice(2);
+    this.renderer.localClippingEnabled = true;
     return toCanvas(pixels);
   }
 
   fitThumbnail(camera) {
     const direction = new Vector3().fromArray(VIEWS.iso).normalize();
-    const center = new Vector3().fromArray(this.data.box.map(([low, high]) => 0.5 * (low + high)));
+    const center = this.middle();
     const right = new Vector3(0, 0, 1).cross(direction).normalize();
     const up = direction.clone().cross(right);
     let half = 0;
@@ -392,14 +605,64 @@ function drawTriad(camera) {
     });
 }
 
+const percent = (share) => `${share < 0.0995 ? (100 * share).toFixed(1) : Math.round(100 * share)} %`;
+
+// three significant digits, thousands apart
+function figure(value) {
+  if (value === 0) return "0";
+  if (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6) return value.toExponential(1).replace("e", "·10^").replace("+", "").replace("-", "−");
+  const decimals = Math.max(0, 2 - Math.floor(Math.log10(Math.abs(value))));
+  return Number(value.toFixed(decimals)).toLocaleString("en-US", { maximumFractionDigits: decimals }).replaceAll(",", "\u202f");
+}
+
+const metres = (value) => (value < 1 ? `${figure(1000 * value)} mm` : `${figure(value)} m`);
+
+// what the colours mean, in numbers, and by how much the motion is enlarged
+function showLegend(viewer) {
+  const legend = byId("legend");
+  legend.hidden = viewer.shape === null;
+  if (legend.hidden) return;
+  const about = viewer.about();
+  const field = viewer.field();
+  const drawn = viewer.amplitude;
+  const force = about.kind === "force";
+  const scale = force ? `drawn ${figure(drawn / about.largest)} times as large` : `1 is drawn as ${metres(drawn)}`;
+  const shares = [0, 0.25, 0.5, 0.75, 1];
+  let [title, values, note] = ["", [], scale];
+  if (field === "displacement") {
+    title = force ? "Displacement under 1 kN [µm]" : "Displacement, largest = 1";
+    values = shares.map((share) => share * (force ? 1e6 * about.largest : 1));
+  } else if (field === "energy") {
+    // of a mode as a share of its energy per cubic decimetre; colours follow the square root
+    title = force ? "Strain energy density under 1 kN [J/m³]" : "Strain energy density [% of the mode’s per dm³]";
+    values = shares.map((share) => share * share * about.peak * (force ? 1 : 0.1));
+    note = "at the surface; grey: not resolved in the part";
+  } else title = "Components in their colours";
+  byId("legend-title").textContent = title;
+  byId("legend-bar").hidden = values.length === 0;
+  byId("legend-numbers").replaceChildren(...values.map((value, i) => make("span", "", (field === "energy" && i === values.length - 1 ? "≥ " : "") + figure(value))));
+  byId("legend-note").textContent = note;
+}
+
 function wireControls(viewer) {
   const play = byId("play");
   const show = () => { play.textContent = viewer.playing ? "❚❚" : "▶"; play.title = viewer.playing ? "Pause" : "Play"; play.setAttribute("aria-label", play.title); };
   play.addEventListener("click", () => { viewer.playing = !viewer.playing; if (!viewer.playing) viewer.phase = 0.25; viewer.dirty = true; show(); });
   viewer.playing = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
   show();
-  byId("amplitude").addEventListener("input", () => { viewer.dirty = true; });
-  for (const id of ["by-displacement", "show-joints", "show-rest"]) byId(id).addEventListener("change", () => { const phase = viewer.phase; viewer.showShape(viewer.shape); viewer.phase = phase; });
+  byId("amplitude").addEventListener("input", () => { viewer.dirty = true; showLegend(viewer); });
+  for (const id of ["colour", "show-joints", "show-rest"]) byId(id).addEventListener("change", () => { const phase = viewer.phase; viewer.showShape(viewer.shape); viewer.phase = phase; });
+  byId("show-web").addEventListener("change", (event) => viewer.showWeb(event.target.checked));
+  const cut = () => {
+    const axis = byId("section").value;
+    byId("section-place").hidden = byId("section-turn").hidden = !axis;
+    viewer.cutAcross(axis, Number(byId("section-place").value), byId("section-turn").getAttribute("aria-pressed") === "true");
+  };
+  for (const id of ["section", "section-place"]) byId(id).addEventListener("input", cut);
+  byId("section-turn").addEventListener("click", (event) => {
+    event.target.setAttribute("aria-pressed", String(event.target.getAttribute("aria-pressed") !== "true"));
+    cut();
+  });
   byId("show-edges").addEventListener("change", (event) => { for (const body of viewer.bodies) body.edges.visible = event.target.checked; viewer.dirty = true; });
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => viewer.look(button.dataset.view));
   byId("save-view").addEventListener("click", () => {
@@ -427,8 +690,12 @@ function wireParts(viewer) {
     box.checked = true;
     const dot = make("span", "dot");
     dot.style.background = body.component.color;
-    const about = make("small", "", { mesh: "meshed", solid: "not meshed", inertia: "drawn as a block of equal inertia" }[body.component.source] || "");
-    row.append(box, dot, make("span", "", body.component.name), about);
+    const { source, triangles, whole } = body.component;
+    const kind = { mesh: "meshed", solid: "not meshed", inertia: "drawn as a block of equal inertia" }[source] || "";
+    row.title = `${kind}${kind ? ", " : ""}drawn with ${figure(triangles)}${whole > triangles ? ` of ${figure(whole)}` : ""} faces`;
+    body.note = make("small", "", kind);
+    body.kind = kind;
+    row.append(box, dot, make("span", "", body.component.name), body.note);
     box.addEventListener("change", () => { body.visible = box.checked; body.group.visible = box.checked; viewer.dirty = true; });
     row.addEventListener("pointerenter", () => { body.mesh.material.emissive.set("#5a4a20"); viewer.dirty = true; });
     row.addEventListener("pointerleave", () => { body.mesh.material.emissive.set("#000000"); viewer.dirty = true; });
@@ -447,8 +714,11 @@ function wireShapes(viewer) {
     const chosen = list.querySelector("[aria-pressed=true]");
     if (chosen) list.scrollTop = Math.min(Math.max(list.scrollTop, chosen.offsetTop + chosen.offsetHeight - list.clientHeight), chosen.offsetTop);
     for (const row of rows()) row.classList.toggle("chosen", Number(row.dataset.pose) === pose && row.dataset.shape === id);
-    byId("legend").hidden = id === null;
     byId("motion").hidden = id === null;
+    for (const body of viewer.bodies) {
+      const share = id === null ? undefined : viewer.about().shares[body.component.name];
+      body.note.textContent = share === undefined ? body.kind : `${percent(share)} of the strain energy`;
+    }
     byId("caption").textContent = id === null ? "At rest" : viewer.captions.get(`${pose} ${id}`) || "";
   };
   viewer.captions = new Map();
@@ -468,6 +738,7 @@ function wireShapes(viewer) {
       list.append(item);
     };
     add(null, "At rest", "joints and points");
+    list.scrollTop = 0;
     for (const about of viewer.data.poses[number].shapes) add(about.id, about.lead, about.text);
     if (viewer.thumbs) placeThumbs(viewer, number);
   };
@@ -481,6 +752,7 @@ function wireShapes(viewer) {
         fill(number);
         choose(number, viewer.shapes[number].has(kept) ? kept : null);
         for (const other of poses.children) other.setAttribute("aria-pressed", String(other === button));
+        fitList();
       });
       poses.append(button);
     });
@@ -495,8 +767,23 @@ function wireShapes(viewer) {
     });
   }
   fill(0);
-  choose(0, null);
+  const offered = viewer.data.poses[0].shapes;
+  // what deforms, rather than the motions of the whole machine on its mounts, which are the last of the list
+  choose(0, (offered.find((about) => about.kind === "mode") ?? offered[0])?.id ?? null);
   return { fill, choose };
+}
+
+// whole rows only
+function fitList() {
+  const list = byId("shapes");
+  const row = list.firstElementChild?.offsetHeight;
+  if (!row) return;
+  const parts = byId("parts");
+  list.style.flex = list.style.height = parts.style.flex = parts.style.maxHeight = "";
+  const rows = Math.max(2, Math.floor((list.clientHeight + 1) / row));
+  list.style.flex = "none";
+  Object.assign(parts.style, { flex: "1 1 auto", maxHeight: "none" });
+  list.style.height = `${Math.min(rows, list.childElementCount) * row + list.offsetHeight - list.clientHeight}px`;
 }
 
 function placeThumbs(viewer, number) {
@@ -612,7 +899,8 @@ async function start() {
   const { choose } = wireShapes(viewer);
   viewer.resize();
   viewer.look("iso");
-  new ResizeObserver(() => viewer.resize()).observe(viewer.stage);
+  new ResizeObserver(() => { viewer.resize(); fitList(); }).observe(viewer.stage);
+  new IntersectionObserver((entries) => { viewer.seen = entries.at(-1).isIntersecting; viewer.dirty = true; }).observe(viewer.stage);
   const wanted = new URLSearchParams(location.hash.slice(1)).get("shape");
   if (wanted && shapes[0].has(wanted)) choose(0, wanted);
   let last = performance.now();
