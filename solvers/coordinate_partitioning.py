@@ -14,11 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.loop_closures import Kinematics, close_kinematics
 from headstock.geometry.mechanisms import Mechanism
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.mechanism_dynamics import MechanismDynamics, evaluate_dynamics
+
+SINGULAR = 1e-13  # smallest over largest singular value of the closures: as good as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +61,21 @@ class PartitionedDynamics:
 
 
 def velocity_maps(mechanism: Mechanism, closures: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``Tu`` and ``Td`` from the closure Jacobian ``(..., m, n)``."""
+    """``Tu`` and ``Td`` from the closure Jacobian ``(..., m, n)``.
+
+    Raises:
+        SingularPoseError: The closures do not determine the passive coordinates.
+    """
     u, v, d = mechanism.driven_slice, mechanism.passive_slice, mechanism.compliant_slice
     outer = np.concatenate([closures[..., u], closures[..., d]], axis=-1)
-    follow = -np.linalg.solve(closures[..., v], outer)
+    passive = closures[..., v]
+    sizes = np.linalg.svd(passive, compute_uv=False)
+    if passive.shape[-1] and not (sizes[..., -1] > SINGULAR * sizes[..., 0]).all():
+        raise SingularPoseError(
+            f"{mechanism.name}: the closures do not determine the passive coordinates in this pose (condition number "
+            f"{float((sizes[..., 0] / np.maximum(sizes[..., -1], np.finfo(float).tiny)).max()):.2g}): it is singular; move the pose a little"
+        )
+    follow = -np.linalg.solve(passive, outer)
     count = len(mechanism.driven)
     maps = np.zeros((*closures.shape[:-2], closures.shape[-1], outer.shape[-1]), closures.dtype)
     maps[..., u, :count] = np.eye(count)

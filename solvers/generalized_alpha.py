@@ -15,6 +15,13 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
 
 MAX_ITERATIONS = 12
+DIVERGED = 1e3  # correction over the size of positions from which Newton's method has lost its way
+LARGEST_GAIN = 1.5  # of the kinetic energy in a step past a singular pose
+SINGULAR_ADVICE = (
+    "near a singular pose a step that is smaller meets the same pose nearer: change the step by a few per cent, the start or the motion "
+    "asked for; if only the last digits are missing, ask for a larger tolerance; far from one, take a smaller step"
+)
+UNDETERMINED = 1e-13  # singular value of Newton's matrix over the largest, below which a motion is not determined
 MEASURE_EVERY = 16  # steps between two looks at how fast Newton's method converges
 
 
@@ -117,9 +124,32 @@ def integrate_motion(
         time = start.time + (number + 1) * step
         if number % MEASURE_EVERY == 0:
             shrinking = np.inf
-        state, auxiliary, shrinking = _advance(problem, (state, auxiliary), (time, step), (chosen, tolerance), shrinking)
+        before, how, when = (state, auxiliary), (chosen, tolerance), (time, step)
+        try:
+            state, auxiliary, shrinking = _advance(problem, before, when, how, shrinking)
+        except ConvergenceError:
+            state, auxiliary, shrinking = _pass_singular(problem, before, when, how)
         observe(state)
     return state
+
+
+def _pass_singular(
+    problem: ConstrainedProblem,
+    before: tuple[MotionState, FloatArray],
+    when: tuple[float, float],
+    how: tuple[AlphaScheme, float],
+) -> tuple[MotionState, FloatArray, float]:
+    """A step that a single matrix does not carry, since the constraints turn within it: a matrix for each correction.
+
+    Raises:
+        ConvergenceError: That fails too, or ends in a jump of the velocities, which no force explains.
+    """
+    after, auxiliary, _ = _advance(problem, before, when, how, np.inf, full=True)
+    mass = problem.linearise(after).mass
+    old, new = (float(state.velocity @ mass @ state.velocity) for state in (before[0], after))
+    if not new <= LARGEST_GAIN * old:
+        raise ConvergenceError(f"the velocities jump in the step to t = {when[0]:.6g} s; {SINGULAR_ADVICE}")
+    return after, auxiliary, np.inf
 
 
 def _advance(
@@ -128,8 +158,13 @@ def _advance(
     when: tuple[float, float],
     how: tuple[AlphaScheme, float],
     shrinking: float,
+    *,
+    full: bool = False,
 ) -> tuple[MotionState, FloatArray, float]:
-    """One step; ``shrinking`` is by how much a correction was smaller than the one before it, when that was last measured."""
+    """One step; ``shrinking`` is by how much a correction was smaller than the one before it, when that was last measured.
+
+    With ``full`` each correction has a matrix of its own, and motions that it hardly determines get the smallest correction.
+    """
     (old, auxiliary), (time, h), (scheme, tolerance) = before, when, how
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     # predict with zero change of acceleration
@@ -145,10 +180,13 @@ def _advance(
     last = np.inf
     for _ in range(MAX_ITERATIONS):
         unbalanced, violation = problem.residual(state)
-        if solve is None:
-            solve = _newton_solver(problem.linearise(state), h, to_velocity, to_acceleration)
+        if solve is None or full:
+            solve = _newton_solver(problem.linearise(state), h, to_velocity, to_acceleration, smallest=full)
         change, force = solve(unbalanced, violation)
         size = float(np.abs(change).max(initial=0.0))
+        if not size <= DIVERGED * (1.0 + float(np.abs(state.position).max(initial=0.0))):
+            last = size
+            break
         state = MotionState(
             time,
             state.position + change,
@@ -162,13 +200,12 @@ def _advance(
             return state, rest + share * state.acceleration, measured
         last = size
     raise ConvergenceError(
-        f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g};"
-        " take a smaller step, or look for a singular pose there"
+        f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g}; {SINGULAR_ADVICE}"
     )
 
 
 def _newton_solver(
-    tangent: Linearisation, h: float, to_velocity: float, to_acceleration: float
+    tangent: Linearisation, h: float, to_velocity: float, to_acceleration: float, *, smallest: bool = False
 ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     effective = h * h * (to_acceleration * tangent.mass + to_velocity * tangent.damping + tangent.stiffness)
     size, count = len(effective), len(tangent.constraints)
@@ -181,7 +218,7 @@ def _newton_solver(
     def solve(unbalanced: FloatArray, violation: FloatArray) -> tuple[FloatArray, FloatArray]:
         right = np.concatenate([-scale * h * h * unbalanced, -violation])
         try:
-            found = np.linalg.solve(matrix, right)
+            found = np.linalg.lstsq(matrix, right, rcond=UNDETERMINED)[0] if smallest else np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError as error:
             raise ConvergenceError("Newton's matrix is singular: the constraints are redundant or the pose is singular") from error
         return found[:size], found[size:] / (scale * h * h)

@@ -12,6 +12,8 @@ from headstock.geometry.loop_closures import find_mobility
 from headstock.geometry.parallel_platforms import planar_3rpr_state
 from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.coordinate_partitioning import Drive
+from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.generalized_alpha import Linearisation, MotionState, integrate_motion
 from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
 from headstock.solvers.mechanism_motion import PartitionedMotion
 from headstock.validation.singular_cases import (
@@ -61,6 +63,13 @@ def test_the_condition_number_tells_how_near_the_singular_pose_is() -> None:
     assert singular.passive_condition > 1e14
 
 
+def test_small_motions_about_the_singular_pose_are_refused_by_name() -> None:
+    states = np.array([planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), np.radians(degrees)) for degrees in (5.0, 0.0)])
+    with pytest.raises(SingularPoseError, match="singular"):
+        linearise_poses(machine(), states)
+    assert np.isfinite(solve_pose_modes(linearise_poses(machine(), states[0])).frequencies_hz).all()
+
+
 def test_partitioned_coordinates_stop_at_the_singular_pose_by_name() -> None:
     start = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), np.radians(2.0))
     motion = PartitionedMotion(machine(), lambda time: at_rest(np.full(3, leg_length(0.0) - time)), no_force, start)
@@ -81,3 +90,64 @@ def test_the_full_equations_run_through_the_singular_pose_and_keep_their_energy(
     assert np.sum(np.diff(np.sign(found.angles)) != 0) >= 2
     assert np.abs(found.energies / found.energies[0] - 1.0).max() < 1e-3
     assert found.violations.max() < 1e-12
+
+
+class FourBars:
+    """Two parallelograms of bars of 1 m and 1 kg side by side, in the places of their three free joints.
+
+    Every time all bars lie in one line two more motions become possible (library of benchmarks of the IFToMM, "N four-bar mechanism").
+    """
+
+    def __init__(self) -> None:
+        self.feet = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+        along = np.array([[2.0 / 3.0, 1.0 / 6.0, 0.0], [1.0 / 6.0, 1.0, 1.0 / 6.0], [0.0, 1.0 / 6.0, 2.0 / 3.0]])
+        self.mass = np.kron(along, np.eye(2))
+        self.weight = np.array([0.0, -1.0, 0.0, -1.5, 0.0, -1.0]) * 9.81
+
+    def constraints(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Half the squares of the bars' lengths less one ``(5,)``, and their derivatives ``(5, 6)``."""
+        joints = position.reshape(3, 2)
+        bars = np.vstack([joints - self.feet, np.diff(joints, axis=0)])
+        ends = np.vstack([np.eye(3), np.diff(np.eye(3), axis=0)])
+        return 0.5 * ((bars**2).sum(axis=1) - 1.0), (ends[:, :, None] * bars[:, None, :]).reshape(5, 6)
+
+    def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
+        violation, slopes = self.constraints(state.position)
+        return self.mass @ state.acceleration - self.weight + slopes.T @ state.multipliers, violation
+
+    def linearise(self, state: MotionState) -> Linearisation:
+        ends = np.vstack([np.eye(3), np.diff(np.eye(3), axis=0)])
+        stiffness = np.kron((ends.T * state.multipliers) @ ends, np.eye(2))
+        return Linearisation(self.mass, np.zeros((6, 6)), stiffness, self.constraints(state.position)[1])
+
+    def energy(self, state: MotionState) -> float:
+        return float(0.5 * state.velocity @ self.mass @ state.velocity - self.weight @ state.position)
+
+    def start(self) -> MotionState:
+        position, velocity = (self.feet + [0.0, 1.0]).ravel(), np.tile([1.0, 0.0], 3)
+        slopes = self.constraints(position)[1]
+        matrix = np.block([[self.mass, slopes.T], [slopes, np.zeros((5, 5))]])
+        found = np.linalg.solve(matrix, np.concatenate([self.weight, [-1.0, -1.0, -1.0, 0.0, 0.0]]))
+        return MotionState(0.0, position, velocity, found[:6], found[6:])
+
+
+STEPS = (0.005, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.0225, 0.025, 0.0275, 0.03, 0.0325, 0.035, 0.04)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_linkage_passes_the_poses_in_which_it_may_fold_or_stops_by_name_and_never_runs_on_with_another_energy(
+    step: float,
+) -> None:
+    problem, states = FourBars(), []
+    start = problem.start()
+    try:
+        integrate_motion(problem, start, step, round(12.0 / step), observe=states.append, tolerance=1e-12)
+        heights = np.array([state.position[1] for state in states])
+        assert np.sum(np.diff(np.sign(heights)) != 0) >= 5
+    except ConvergenceError as error:
+        # sixty steps a second and fewer for bars that fall through in a tenth of one
+        assert step >= 0.03 and "singular pose" in str(error)
+    assert max(np.abs(problem.constraints(state.position)[0]).max() for state in states) < 1e-10
+    drift = max(abs(problem.energy(state) - problem.energy(start)) for state in states[: round(5.0 / step)])
+    # second order in the step: 34 J are at play
+    assert drift < 2.0 * (step / 0.01) ** 2
