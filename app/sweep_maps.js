@@ -74,9 +74,20 @@
       quantity.values.forEach((value, k) => { if (value === null) { pen = false; return; } if (pen) context.lineTo(x(xs[k]), y(value)); else context.moveTo(x(xs[k]), y(value)); pen = true; });
       context.stroke();
     });
+    nameCurves(family, asked, y);
     context.strokeStyle = "#b1122f"; context.lineWidth = 1; context.beginPath(); context.moveTo(x(xs[chosen]), box.y); context.lineTo(x(xs[chosen]), box.y + box.h); context.stroke();
     context.fillStyle = ink("--ink"); text(end(high, low, high), box.x - 6, box.y + 10, "right"); text(end(low, low, high), box.x - 6, box.y + box.h, "right"); text(asked.unit, box.x - 6, box.y + box.h / 2, "right");
     text(digits(xs[0]), box.x, box.y + box.h + 16, "center"); text(digits(xs[xs.length - 1]), box.x + box.w, box.y + box.h + 16, "center"); text(label, box.x + box.w / 2, box.y + box.h + 36, "center");
+  }
+  // the name of each curve beside its end, moved apart where they would touch
+  function nameCurves(family, asked, y) {
+    const ends = family.map((quantity, number) => [y(quantity.values.findLast((value) => value !== null)), quantity, number]).filter((entry) => !Number.isNaN(entry[0]));
+    let below = -Infinity;
+    ends.sort((a, b) => a[0] - b[0]).forEach(([level, quantity, number]) => {
+      below = Math.max(level, below + 13);
+      context.fillStyle = quantity === asked ? ink("--accent") : `hsl(${(number * 67) % 360} 45% 45%)`;
+      text(quantity.title.replace(/ at .*$/, "").replace("compliance", "compl."), box.x + box.w + 6, below + 4, "left");
+    });
   }
   function cell(row, words, numeric, head) { const made = document.createElement(head ? "th" : "td"); made.textContent = words; if (numeric) made.className = "number"; row.append(made); }
   function table(heading, rows, marked) {
