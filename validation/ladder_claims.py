@@ -16,6 +16,7 @@ from headstock.validation.ladder_deviations import (
 )
 
 ROUNDOFF = 1e-6
+ABOUT_EQUAL = 2.0  # nDOF of two models that may be compared
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def claim_smaller(better: Rungs, worse: Rungs, text: str, quantities: Sequence[s
         if own.point.ndof > below:
             continue
         other = nearest_rung(worse, own.point.ndof, own.quantity)
-        if other is not None:
+        if other is not None and 1.0 / ABOUT_EQUAL <= other.ndof / own.point.ndof <= ABOUT_EQUAL:
             (off,) = [d for d in deviations(worse, [own.quantity]) if d.point is other]
             gaps.append((abs(own.value) - abs(off.value), own, off))
     lacking = [

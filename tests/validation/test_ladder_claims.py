@@ -112,6 +112,12 @@ def test_one_kind_deviates_less_than_another_in_a_range_of_ndof() -> None:
     wider = claim_smaller(few, many, "", ["X2"], above=40, below=300)
     assert not wider.held
     assert "nDOF 200" in wider.decides
+    assert (
+        claim_smaller(
+            rungs("segmented", "X2", {96: 0.05}, "modal"), rungs("hex8", "X2", {400: 0.2}, "modal"), "", ["X2"], above=40, below=100
+        )
+        is None
+    )
     lacking = rungs("segmented", "X2", {60: math.nan, 96: 0.01}, "modal")
     assert not claim_smaller(lacking, many, "", ["X2"], above=40, below=100).held
 
