@@ -78,8 +78,8 @@ def test_a_superelement_that_claims_more_than_its_file_holds_is_refused(tmp_path
 
 
 def test_a_superelement_of_words_or_of_a_compressed_bomb_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "part.h5"
-    for data in (np.array([b"x" * 8] * 8), np.zeros(40_000_000)):
+    for name, data in (("words", np.array([b"x" * 8] * 8)), ("bomb", np.zeros(40_000_000))):
+        path = tmp_path / f"{name}.h5"
         write_superelement(path, box_superelement())
         with h5py.File(path, "a") as file:
             del file["mass"]

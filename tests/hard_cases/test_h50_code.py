@@ -102,9 +102,10 @@ class Bomb:
 
 
 def test_objects_packed_into_a_superelement_file_stay_packed(tmp_path: Path) -> None:
-    path = tmp_path / "part.h5"
     packed = np.frombuffer(pickle.dumps(Bomb()), dtype=np.uint8)
-    for kind in (np.void(packed.tobytes()), np.array([b"a", b"b"], dtype=h5py.special_dtype(vlen=bytes))):
+    kinds = (("void", np.void(packed.tobytes())), ("words", np.array([b"a", b"b"], dtype=h5py.special_dtype(vlen=bytes))))
+    for name, kind in kinds:
+        path = tmp_path / f"{name}.h5"
         write_superelement(path, box_superelement())
         with h5py.File(path, "a") as file:
             del file["stiffness"]
