@@ -33,9 +33,12 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
         action: Takes nothing, or the world communicator when the command is collective.
         debug: Show the traceback too.
     """
+    from headstock.geometry.errors import require_least_memory
+
     comm: Any = None
     shared = False
     try:
+        require_least_memory()
         if inspect.signature(action).parameters:
             from mpi4py import MPI
 
@@ -130,7 +133,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 def _judge(error: BaseException) -> tuple[int, str]:
     import click
 
-    from headstock.geometry.errors import HeadstockError
+    from headstock.geometry.errors import HeadstockError, lacks_memory, out_of_memory
     from headstock.meshing.errors import PartFileError
     from headstock.pipeline.scene_errors import SceneError
 
@@ -144,12 +147,12 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return FAILED, f"{type(error).__name__}: {error}"
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted"
+    if not isinstance(error, SystemExit) and lacks_memory(error):
+        return FAILED, f"OutOfMemoryError: {out_of_memory('the command')}"
     if isinstance(error, OSError) and error.errno in LOST_OUTPUT and error.filename is None:
         return FAILED, f"OutputError: what is printed cannot be written: {error.strerror}"
     if isinstance(error, OSError):
         return FAILED, f"{type(error).__name__}: {error} (--debug shows where)"
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else FAILED, "stopped"
-    if isinstance(error, MemoryError):
-        return FAILED, "MemoryError: out of memory; write a larger mesh size or keep fewer modes"
     return FAILED, f"internal error: {type(error).__name__}: {error} (a fault of this program: --debug shows where)"

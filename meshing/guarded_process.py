@@ -19,20 +19,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from headstock.geometry.errors import OUT_OF_MEMORY
+
 # gmsh may be linked with MPI: a child that sees its parent's launcher variables would join the parent's job
 LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 # a process with threads is not let into a user namespace
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 GRACE_SECONDS = 2
-# what libraries say that got no memory; the last two come from the dynamic loader and from threads that could not start
-OUT_OF_MEMORY = (
-    "MemoryError",
-    "bad_alloc",
-    "annot allocate memory",
-    "unable to map",
-    "failed to map segment",
-    "Resource temporarily unavailable",
-)
 SCRATCH_BYTES = 64 << 20
 # what shared libraries and Python are made of; of /etc only what the loader reads
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/etc/alternatives", "/etc/ld.so.cache")
@@ -106,7 +99,8 @@ class ChildEnd:
     @property
     def out_of_memory(self) -> bool:
         """Whether it met its limit of memory."""
-        return any(text in self.errors for text in OUT_OF_MEMORY)
+        # threads that could not start are no exception of Python's
+        return any(text in self.errors for text in (*OUT_OF_MEMORY, "Resource temporarily unavailable"))
 
     @property
     def memory_limit(self) -> str:

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.geometry.solids import SuperelementFile
+from headstock.meshing.errors import MeshError
 from headstock.pipeline.accuracy_search import search_settings
 from headstock.pipeline.budgets import check_elapsed
 from headstock.pipeline.component_stages import (
@@ -144,7 +146,12 @@ class _Rounds:
         if state.is_root:
             self.announce(stage)
         with measure() as cost:
-            outcome = work()
+            try:
+                outcome = work()
+            except Exception as error:
+                if lacks_memory(error) and not isinstance(error, MeshError):
+                    raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
+                raise
         if state.is_root:
             self._record(
                 StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds)

@@ -80,6 +80,8 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
         with h5py.File(io.BytesIO(content), "r") as file:
             require_plain(file)
             return StoreRead(read_record(file["record"], kind))
+    except MemoryError:
+        raise
     except Exception as error:  # the digest is right but the content is foreign: h5py raises almost anything
         return StoreRead(None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}")
 

@@ -82,6 +82,8 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
             superelement = read_record(file, Superelement)
     except RecordError as error:
         raise RecordError(f"{name}: {error}") from error
+    except MemoryError:
+        raise
     except Exception as error:  # h5py raises almost anything on damaged files
         raise RecordError(f"{name} cannot be read as a superelement: {type(error).__name__}: {error}") from error
     _check_texts(name, superelement)

@@ -11,12 +11,14 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.nested_dissection import dissect_nodes
 
 # MUMPS: 60 % more workspace than estimated avoids a second try
+MUMPS_OUT_OF_MEMORY = (-5, -7, -13)
 MUMPS_OPTIONS = {"mat_mumps_icntl_14": 60, "mat_mumps_icntl_24": 0}
 # every factor as L L^T: a simplicial L D L^T would take an indefinite matrix without a word
 CHOLMOD_OPTIONS = {"mat_cholmod_supernodal_switch": 0, "mat_cholmod_print": 0}
@@ -173,10 +175,14 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat
     try:
         factor = _factorize_with("mumps", matrix, MUMPS_OPTIONS | ordering_option(matrix))
     except PETSc.Error as error:
+        if lacks_memory(error):
+            raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs") from error
         raise ConvergenceError(f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {error}") from error
     status = factor.getMumpsInfog(1)
+    if status in MUMPS_OUT_OF_MEMORY:
+        raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs")
     if status < 0:
-        reason = {-9: "workspace too small", -10: "numerically singular", -13: "out of memory", -40: "not positive definite"}
+        reason = {-9: "workspace too small", -10: "numerically singular", -40: "not positive definite"}
         raise ConvergenceError(
             f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {reason.get(status, 'MUMPS INFOG(1)')} "
             f"({status}); check that the component is held and its elements are sound"

@@ -16,6 +16,7 @@ from dolfinx import fem
 from ffcx.options import FFCX_DEFAULT_OPTIONS
 from mpi4py import MPI
 
+from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.solvers.errors import CompileError
 
 COMPILER_ARGUMENTS = ["-O3", "-march=native"]
@@ -52,6 +53,8 @@ def compile_form(form: Any, comm: MPI.Comm) -> Any:
         try:
             return fem.form(form, form_compiler_options=defaults, jit_options=options)
         except Exception as error:  # cffi, distutils and dolfinx each have their own
+            if lacks_memory(error):
+                raise out_of_memory("the compiler of a form") from error
             places = ", ".join(
                 f"{place}: {shutil.disk_usage(place).free / 1e6:.0f} MB free" for place in (folder, tempfile.gettempdir())
             )

@@ -4,10 +4,11 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
+from headstock.geometry.errors import out_of_memory
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elasticity import ElasticOperators
 from headstock.solvers.errors import AccuracyError, ConvergenceError
-from headstock.solvers.factorization import MUMPS_OPTIONS, free_block, ordering_option
+from headstock.solvers.factorization import MUMPS_OPTIONS, MUMPS_OUT_OF_MEMORY, free_block, ordering_option
 from headstock.solvers.rank_sums import sum_over_ranks
 
 # null pivots are looked for (24), and the inertia needs no scaling tricks: a pivot that vanishes means the shift is a frequency
@@ -65,6 +66,8 @@ def _count_with(matrix: PETSc.Mat, constraints: FloatArray, operators: ElasticOp
         pc.setUp()
         factor = pc.getFactorMatrix()
         status = factor.getMumpsInfog(1)
+        if status in MUMPS_OUT_OF_MEMORY:
+            raise out_of_memory(f"the count of frequencies of a part with {matrix.getSize()[0]} dofs")
         if status < 0:
             raise ConvergenceError(f"the factorisation for counting frequencies failed: MUMPS INFOG(1) = {status}")
         negative, zero, _ = factor.getInertia()

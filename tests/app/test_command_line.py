@@ -1,5 +1,6 @@
 """The command line answers quickly, tells what is wrong, and ends with the exit code it promises."""
 
+import errno
 import json
 import os
 import resource
@@ -280,6 +281,52 @@ def test_named_errors_end_with_1_and_show_a_traceback_only_for_debugging(capsys:
     assert "Traceback" not in message
     assert guard.run_guarded(fail, debug=True) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "lack",
+    [
+        MemoryError(),
+        ImportError("/usr/lib/cpp.so: failed to map segment from shared object"),
+        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)),
+        RuntimeError("std::bad_alloc"),
+    ],
+    ids=["python", "library", "system", "c++"],
+)
+def test_a_lack_of_memory_is_called_one_whoever_says_so(capsys: pytest.CaptureFixture[str], lack: Exception) -> None:
+    def fail() -> int:
+        try:
+            raise lack
+        except Exception as error:
+            raise KeyError("something else") from error
+
+    assert guard.run_guarded(fail, debug=False) == 1
+    message = capsys.readouterr().err
+    assert message == (
+        "OutOfMemoryError: the command needed more memory than there is; write a larger mesh size or keep fewer modes\n"
+    )
+
+
+ELASTIC = RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }')
+
+
+@pytest.mark.parametrize(
+    ("megabytes", "said"),
+    [
+        (150, "this shell allows 0.146 GiB of address space (ulimit -v): allow at least 0.75 GiB"),
+        (500, "this shell allows 0.488 GiB of address space (ulimit -v): allow at least 0.75 GiB"),
+        (770, "needed more memory than there is; this shell allows 0.752 GiB (ulimit -v): allow more, or write a larger mesh size"),
+    ],
+)
+def test_a_run_without_memory_is_named_with_the_limit_of_the_shell(tmp_path: Path, megabytes: int, said: str) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(ELASTIC)
+    program = f'ulimit -v {megabytes << 10}; HEADSTOCK_STORE="{tmp_path}/store" "{sys.executable}" -P -m headstock.app.command_line'
+    done = run_in_shell(f'{program} run "{scene}" -o "{tmp_path}/out"')
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("OutOfMemoryError: ")
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_fault_of_the_program_is_called_one(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,9 +1,12 @@
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.errors import OutOfMemoryError
+from headstock.solvers import factorization
 from headstock.solvers.elasticity import assemble_elasticity
 from headstock.solvers.errors import HeadstockError
 from headstock.solvers.factorization import Factorization
@@ -27,6 +30,16 @@ def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block, count):
     exact = np.linalg.solve(operators.stiffness.toarray()[np.ix_(~held, ~held)], loads[~held])
     assert np.abs(found[~held] - exact).max() < 1e-10 * np.abs(exact).max()
     assert not found[held].any()
+
+
+def test_a_factorisation_without_memory_blames_no_element(block, monkeypatch: pytest.MonkeyPatch):
+    factor = SimpleNamespace(getMumpsInfog=lambda _: -13)
+    monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
+    monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: factor)
+    with pytest.raises(
+        OutOfMemoryError, match=r"the factorisation of a stiffness with \d+ dofs needed more memory than there is; write a larger"
+    ):
+        Factorization(*block)
 
 
 def test_loads_on_held_dofs_are_ignored(block):
