@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 import typer
 
-from headstock.app.command_options import Debug, JsonFile, Overrides, Ranks, SceneFile, Variant, split_list
+from headstock.app.command_options import Debug, JsonFile, NoHost, Overrides, Ranks, SceneFile, Variant, split_list, trace_command
 from headstock.app.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def study(
         int | None, typer.Option("--repeats", metavar="N", min=1, max=100, help="Runs per point, for median and spread of seconds.")
     ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute failed points again.")] = False,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -38,7 +39,9 @@ def study(
         from headstock.app.studying import StudyRequest, study_request
 
         settings = (output, variant, tuple(set_ or ()), ranks)
-        return study_request(StudyRequest(scene, name, *settings, cold=cold, repeats=repeats, retry=retry, json_file=json), comm)
+        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        request = StudyRequest(scene, name, *settings, cold=cold, repeats=repeats, retry=retry, json_file=json)
+        return study_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
 
@@ -65,6 +68,7 @@ def sweep(
     no_wait: Annotated[bool, typer.Option("--no-wait", help="With --on: submit only; the same command again collects.")] = False,
     part: Annotated[str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")] = None,
     key: Annotated[str | None, typer.Option("--key", hidden=True, help="Of the sweep that was submitted.")] = None,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -81,7 +85,9 @@ def sweep(
 
         options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
         cluster = (options if on else None, not no_wait, parse_part(part) if part else None, key)
-        return sweep_request(SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json, *cluster), comm)
+        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        request = SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json, *cluster)
+        return sweep_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
 
@@ -109,6 +115,7 @@ def compare(
     ] = None,
     set_: Overrides = None,
     ranks: Ranks = None,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -118,12 +125,11 @@ def compare(
         from headstock.app.comparing import CompareRequest, compare_request
 
         lists = (split_list(variants), split_list(fidelity), tuple(set_ or ()))
-        return compare_request(
-            CompareRequest(
-                scene, output, *lists, pose, reference, ranks, effort=effort, change=tuple(change or ()), json_file=json
-            ),
-            comm,
+        origin = trace_command(scene, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        request = CompareRequest(
+            scene, output, *lists, pose, reference, ranks, effort=effort, change=tuple(change or ()), json_file=json
         )
+        return compare_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
 
@@ -138,6 +144,7 @@ def identify(
         int | None, typer.Option("--starts", metavar="N", min=1, max=4096, help="Starts, instead of the file's.")
     ] = None,
     set_: Overrides = None,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -146,6 +153,7 @@ def identify(
     def action() -> int:
         from headstock.app.identifying import IdentifyRequest, identify_scene
 
-        return identify_scene(IdentifyRequest(scene, targets, output, starts, tuple(set_ or ()), json))
+        origin = trace_command(scene, overrides=set_ or (), with_host=not no_host)
+        return identify_scene(IdentifyRequest(scene, targets, output, starts, tuple(set_ or ()), json), origin)
 
     return run_guarded(action, debug=debug)

@@ -1,6 +1,7 @@
 """The command line: a thin skin over the Python API."""
 
 import sys
+from typing import Annotated
 
 import click
 import typer
@@ -45,12 +46,31 @@ for command in COMMANDS:
 app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(tool_commands.refuse_test)
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        from headstock.pipeline.provenance import find_version
+
+        found = find_version()
+        typer.echo(f"{PROGRAM} {found.version} (commit {found.commit})")
+        raise typer.Exit
+
+
+@app.callback(help=PROGRAM_HELP)
+def read_program_options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print version and commit, and end.")
+    ] = False,
+) -> None:
+    """Options before any command."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     prepare_streams()
     find_home()
     try:
-        code = typer.main.get_command(app).main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
+        words = sys.argv[1:] if arguments is None else arguments
+        code = typer.main.get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False, obj=tuple(words))
     except click.ClickException as error:
         error.show()
         return error.exit_code

@@ -1,5 +1,6 @@
 """Arguments and options that commands share, and how their texts are read."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,6 +8,7 @@ import click
 import typer
 
 if TYPE_CHECKING:
+    from headstock.pipeline.provenance import Provenance
     from headstock.pipeline.scene import Scene
 
 
@@ -33,6 +35,7 @@ JsonFile = Annotated[
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
 Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
+NoHost = Annotated[bool, typer.Option("--no-host", help="Leave host and command line out of what is written.")]
 Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
 
 
@@ -50,6 +53,27 @@ def write_json_file(path: Path | None, content: Any) -> None:
         from headstock.pipeline.outputs import write_output
 
         write_output(path, dump_json(content).encode())
+
+
+def trace_command(
+    scene: Path,
+    *,
+    variant: str | None = None,
+    overrides: Sequence[str] = (),
+    analyses: Sequence[str] = (),
+    ranks: int = 1,
+    with_host: bool,
+) -> "Provenance | None":
+    """Where the results of the present command come from; None where there is no scene file, which is said elsewhere."""
+    from headstock.pipeline.provenance import SceneChoice, trace_origin
+
+    context = click.get_current_context(silent=True)
+    words = None if context is None else context.find_root().obj
+    choice = SceneChoice(scene, variant, tuple(overrides), tuple(analyses))
+    try:
+        return trace_origin(choice, ranks=ranks, command=words, with_host=with_host)
+    except OSError:
+        return None
 
 
 def read_solid(text: str | None) -> int | str | None:

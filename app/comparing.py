@@ -26,6 +26,7 @@ from headstock.pipeline.comparison_summary import summarise_comparison, summaris
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.planner import is_lumped
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
@@ -53,8 +54,8 @@ class CompareRequest:
     json_file: Path | None
 
 
-def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
-    """Solve every variant on all ranks, print them side by side and write the files.
+def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Solve every variant on all ranks, print them side by side and write the files, with where they come from.
 
     Raises:
         SceneError: A variant has problems.
@@ -69,6 +70,8 @@ def compare_request(request: CompareRequest, comm: MPI.Comm) -> int:
     with claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         summary, solutions = _solve_all(request, choices, comm)
         if comm.rank == 0:
+            if origin is not None:
+                summary["provenance"] = origin.summarise()
             remarks = _publish(summary, folder, request.json_file)
             print_comparison(summary)
             print_effort(summary)

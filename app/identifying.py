@@ -13,6 +13,7 @@ from headstock.pipeline.identification import identify, prepare_problem
 from headstock.pipeline.identification_files import OVERRIDES_FILE, RECORD_FILE, render_overrides, summarise_identification
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.outputs import claim_output, write_output
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
 from headstock.pipeline.target_files import load_targets
@@ -30,7 +31,7 @@ class IdentifyRequest:
     json_file: Path | None
 
 
-def identify_scene(request: IdentifyRequest) -> int:
+def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -> int:
     """Fit a scene to a target file, print what came out and write it; the scene is never touched.
 
     Raises:
@@ -48,6 +49,8 @@ def identify_scene(request: IdentifyRequest) -> int:
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
         found = identify(problem, loaded.task.name, print_start)
         summary = {**summarise_identification(found), "seconds": time.perf_counter() - begin}
+        if origin is not None:
+            summary["provenance"] = origin.summarise()
         command = f"./headstock identify {request.scene} {request.targets} --starts {loaded.task.settings.starts}"
         written = load_scene(request.scene, overrides=request.overrides)
         write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())

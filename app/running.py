@@ -15,6 +15,7 @@ from headstock.app.publishing import PARTS, publish_run
 from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.outputs import claim_output, write_output
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.result_summary import summarise
@@ -24,6 +25,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import Scene, keep_analyses, list_analyses
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.stages import Stage, StageRecord
+from headstock.pipeline.volume_files import VOLUME_FOLDER
 
 DRAWING_SECONDS = 4.0
 
@@ -44,8 +46,8 @@ class RunRequest:
     volume: bool = False
 
 
-def run_request(request: RunRequest, comm: MPI.Comm) -> int:
-    """Run a scene on all ranks and print what came out.
+def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a scene on all ranks and print what came out; where it comes from is written with it.
 
     Raises:
         SceneError: The scene has problems.
@@ -60,12 +62,15 @@ def run_request(request: RunRequest, comm: MPI.Comm) -> int:
     stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
     output = request.output or Path("results") / stem
     with contextlib.ExitStack() as claims:
-        make_on_root(comm, lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), PARTS)))
+        make_on_root(
+            comm,
+            lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER))),
+        )
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
             # known at once; what it does to the results is said with them
             print_remarks(find_unheld_motions(scene))
-        results = _run_with_progress(scene, output, comm, volume=request.volume)
+        results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
             curves = [response.curves for response in results.responses]
@@ -105,7 +110,7 @@ def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
     return keep_analyses(scene, names) if names else scene
 
 
-def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool) -> Results:
+def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None) -> Results:
     """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
     if comm.rank > 0:
         return run_scene(scene, output, comm=comm, volume=volume)
@@ -122,7 +127,7 @@ def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bo
 
         if any(isinstance(part.solid, StepFile | MeshFile) for part in scene.machine.components.values()):
             progress.begin("plan    from the parts' files")
-        return run_scene(scene, output, comm=comm, observer=observe, announce=announce, volume=volume)
+        return run_scene(scene, output, comm=comm, observer=observe, announce=announce, volume=volume, provenance=origin)
 
 
 def _load(request: RunRequest) -> Scene:

@@ -10,11 +10,13 @@ from headstock.app.command_options import (
     Debug,
     JsonFile,
     Names,
+    NoHost,
     Overrides,
     Ranks,
     SceneFile,
     Variant,
     load_checked,
+    trace_command,
     write_json_file,
 )
 from headstock.app.guard import run_guarded
@@ -73,6 +75,7 @@ def run(
         str | None,
         typer.Option("--accuracy", metavar="SHARE", help="Choose meshes and modes so that no number is off by more, such as 1%."),
     ] = None,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -81,10 +84,15 @@ def run(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.running import RunRequest, run_request
 
+        overrides = tuple(set_ or ())
         request = RunRequest(
-            scene, output, variant, tuple(analysis or ()), tuple(set_ or ()), ranks, json, not no_figures, accuracy, volume
+            scene, output, variant, tuple(analysis or ()), overrides, ranks, json, not no_figures, accuracy, volume
         )
-        return run_request(request, comm)
+        settings = (*overrides, *([f"accuracy={accuracy}"] if accuracy is not None else []))
+        origin = trace_command(
+            scene, variant=variant, overrides=settings, analyses=analysis or (), ranks=comm.size, with_host=not no_host
+        )
+        return run_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
 

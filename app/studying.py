@@ -28,6 +28,7 @@ from headstock.pipeline.content_keys import code_fingerprint
 from headstock.pipeline.cost_points import weigh_costs
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.scene_errors import suggest_names
 from headstock.pipeline.scene_loader import load_scene
@@ -59,8 +60,8 @@ class StudyRequest:
     json_file: Path | None
 
 
-def study_request(request: StudyRequest, comm: MPI.Comm) -> int:
-    """Run a study on all ranks, print its table and write its files.
+def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a study on all ranks, print its table and write its files, with where it comes from.
 
     Raises:
         SceneError: The scene or a varied value has problems.
@@ -75,7 +76,7 @@ def study_request(request: StudyRequest, comm: MPI.Comm) -> int:
         records = run_study(job, folder, comm=comm, observer=print_progress)
         if comm.rank == 0:
             table = tabulate_study(job.study, records)
-            remarks = _publish(table, records, folder, request)
+            remarks = _publish(table, records, folder, request, origin)
             print_study(table, seconds=time.perf_counter() - start, folder=folder)
             print_remarks(remarks)
     failed = any(record.status == "failed" for record in records)
@@ -107,7 +108,9 @@ def _make_job(request: StudyRequest) -> StudyJob:
     return job
 
 
-def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest) -> list[str]:
+def _publish(
+    table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest, origin: Provenance | None
+) -> list[str]:
     """Write the files of a study beside its records, and print what a reference says of it; remarks for the user."""
     extra: Extra = {}
     listing = list_study(table, request.scene)
@@ -120,6 +123,8 @@ def _publish(table: StudyTable, records: Sequence[StudyRecord], folder: Path, re
         extra["study.png"] = encode_png(figure)
     remarks = write_beside(folder, extra)
     write_output(folder / TABLE_FILE, study_csv(table))
+    if origin is not None:
+        listing["provenance"] = origin.summarise()
     write_output(folder / LISTING_FILE, dump_json(listing).encode())
     if request.json_file is not None:
         write_output(request.json_file, dump_json(listing).encode())

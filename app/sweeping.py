@@ -23,6 +23,7 @@ from headstock.app.sweep_quantities import tabulate_sweep
 from headstock.pipeline.json_texts import Json, dump_json
 from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.pose_journals import FOLDER, remove_other_journals
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import make_on_root, share_from_root
 from headstock.pipeline.result_files import REPORT_FILE
 from headstock.pipeline.scene_errors import Findings, suggest_names
@@ -35,7 +36,7 @@ from headstock.pipeline.sweep_names import name_tracked_modes
 from headstock.pipeline.sweep_results import SweepResults, collect_results
 from headstock.pipeline.sweep_runs import Part, SweepJob, run_sweep, select_analyses
 
-SUMMARY, CSV_FILE = "sweep.json", "sweep.csv"
+SUMMARY, CSV_FILE, ORIGIN_FILE = "sweep.json", "sweep.csv", "provenance.json"
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class SweepRequest:
     key: str | None = None
 
 
-def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
-    """Run a sweep on all ranks, print what it found and write its files.
+def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a sweep on all ranks, print what it found and write its files, and beside them where they come from.
 
     Raises:
         SceneError: The scene or a pose of the sweep has problems.
@@ -66,13 +67,13 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
     """
     start = time.perf_counter()
     if request.cluster is not None:
-        return _sweep_elsewhere(request, request.cluster, comm)
+        return _sweep_elsewhere(request, request.cluster, comm, origin)
     require_ranks(request.ranks, comm)
     job = make_on_root(comm, lambda: _make_job(request))
     if request.part is not None:
         return compute_part(job, request.key, comm)
     with (
-        claim_output(job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, REPORT_FILE), (FOLDER,))
+        claim_output(job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, ORIGIN_FILE, REPORT_FILE), (FOLDER,))
         if comm.rank == 0
         else contextlib.nullcontext()
     ):
@@ -84,6 +85,9 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
             results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
             results = name_tracked_modes(outcome.state, results)
             summary = summarise_sweep(results)
+            if origin is not None:
+                # apart from the results, which are the same bytes whenever and wherever they are computed
+                write_output(job.folder / ORIGIN_FILE, dump_json(origin.summarise()).encode())
             remarks = _publish(summary, results, request, job.folder)
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
             print_remarks(remarks)
@@ -91,13 +95,13 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm) -> int:
     return int(share_from_root(comm, FAILED if failed else DONE))
 
 
-def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm) -> int:
+def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None) -> int:
     here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
     words = [word for text in request.overrides for word in ("--set", text)]
     words += ["--variant", request.variant] if request.variant else []
     words += ["--retry"] if request.retry else []
     cluster = ClusterRequest(options, tuple(words), request.retry, request.wait)
-    return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm))
+    return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
 
 
 def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path) -> list[str]:

@@ -22,7 +22,7 @@ LARGEST_EXPANSION = 100
 NO_WORDS = "S1"
 MOST_OBJECTS = 100_000
 MOST_AXES = 8
-LARGEST_ITEM = 1 << 16  # bytes of a number or a word
+LARGEST_ITEM = 1 << 20  # bytes of a number or a word; the longest is the text of a scene
 PLAIN_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 
 

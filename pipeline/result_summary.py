@@ -37,6 +37,8 @@ def summarise(results: Results) -> Json:
         "failures": list(results.failures),
         "files": {name: {"sha256": digest} for name, digest in results.files.items()},
     }
+    if results.provenance is not None:
+        summary["provenance"] = results.provenance.summarise()
     if results.responses:
         summary["frf"] = {response.curves.pose: summarise_response(response) for response in results.responses}
     if results.probes:

@@ -10,6 +10,7 @@ from headstock.pipeline.frf_results import PoseResponse
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.path_results import PathResult
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.stages import StageRecord
 
 
@@ -148,6 +149,7 @@ class Results:
         mechanism: Pose name to where a closed-loop mechanism stands; empty without one.
         accuracy: How settings were chosen for an accuracy, as in the summary; None where the scene asks for none.
         files: SHA-256 by file name of what was written beside the summary.
+        provenance: Where it comes from; None where nobody said.
     """
 
     name: str
@@ -170,3 +172,4 @@ class Results:
     control: dict[str, Json] = field(default_factory=dict)
     responses: tuple[PoseResponse, ...] = ()
     accuracy: Json | None = None
+    provenance: Provenance | None = None

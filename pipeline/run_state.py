@@ -14,6 +14,7 @@ from headstock.pipeline.json_texts import Json
 from headstock.pipeline.lumped_machine import PlacedMechanism
 from headstock.pipeline.machine_views import PoseView
 from headstock.pipeline.path_results import PathResult
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan
@@ -77,6 +78,7 @@ class RunState:
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
+    provenance: Provenance | None = None
 
     @property
     def is_root(self) -> bool:

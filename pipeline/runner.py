@@ -38,6 +38,7 @@ from headstock.pipeline.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.path_stage import run_path_stage
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.probe_stages import run_recover_stage
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import measure
 from headstock.pipeline.result_files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
@@ -83,6 +84,7 @@ def run_scene(
     store: Store | None = None,
     announce: Announcer = lambda stage: None,
     volume: bool = False,
+    provenance: Provenance | None = None,
 ) -> Results:
     """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
 
@@ -97,6 +99,7 @@ def run_scene(
         store: Where meshes and superelements are kept; by default the user's.
         announce: Told of each stage before it begins, on rank 0.
         volume: Write the volume meshes with their motions and stresses, too.
+        provenance: Where the results come from, to be written with them.
 
     Returns:
         What was found; complete on rank 0 only.
@@ -108,6 +111,7 @@ def run_scene(
         prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
     rounds = _Rounds(comm, store or Store(default_store_root()), observer, announce)
     state = _run_rounds(scene, rounds)
+    state.provenance = provenance
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
     with PendingOutputs() as pending:
         rounds.run_stage(state, state.plan.stages[-1], lambda: _write(state, output, pending))
@@ -204,6 +208,7 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
         warnings=tuple(state.warnings),
         failures=tuple(state.failures),
         files=dict(state.files),
+        provenance=state.provenance,
         view=MachineView(
             state.skins,
             {name: axis.direction for name, axis in state.scene.machine.axes.items()},
