@@ -55,6 +55,7 @@ from headstock.validation.modal_benchmarks import (
 )
 from headstock.validation.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
 from headstock.validation.path_cases import check_path_roads, check_path_test
+from headstock.validation.plate_cases import check_thin_plates
 from headstock.validation.rail_bases import check_rail_bases
 from headstock.validation.reduction_cases import (
     check_all_modes,
@@ -116,6 +117,7 @@ CASES: tuple[Case, ...] = (
     Case(
         "straight-cantilever", "benchmarks", "MacNeal and Harder's straight cantilever, slanted elements", check_straight_cantilever
     ),
+    Case("thin-parts", "benchmarks", "plates down to 1:1000, one element through the thickness", check_thin_plates),
     Case("le10", "benchmarks", "NAFEMS LE10, thick plate under pressure", check_thick_plate),
     Case("rod", "benchmarks", "axial frequencies of the rod without lateral contraction", check_rod_frequencies),
     Case("rod-orders", "orders", "order of axial frequencies", check_rod_orders),

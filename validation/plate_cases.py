@@ -1,0 +1,76 @@
+"""Thin plates down to 1:1000 as solid elements, one through the thickness, against Kirchhoff's plate theory, and what they cost."""
+
+import time
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.components import Component, Interface, MeshSettings, Patch, Support
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.materials import Material
+from headstock.geometry.solids import Box
+from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.block_lanczos import ModeTarget
+from headstock.validation.case_rows import Target, ValidationRow, judge, show
+from headstock.validation.reduced_models import shared_mesh
+
+CASE = "thin-parts"
+SIDE = 0.4
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+# omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973), J. Sound Vib. 31, tables C10 and C15
+HINGED = np.array([2.0, 5.0, 5.0]) * np.pi**2
+ONE_FACE = np.array([3.4917, 8.5246, 21.429])
+TWO_FACES = np.array([22.272, 26.529, 43.664])
+TOLERANCE = 0.01
+# meshes that hold 1 % in three frequencies, and what tets say at 1:1000
+MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 1000: (("hex", 0.025),)}
+LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
+
+
+def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
+    """Three frequencies of square plates held at hinged edges, one end face and two end faces, hexes and tets."""
+    rows: list[ValidationRow] = []
+    for ratio, meshes in MESHES.items():
+        for cells, size in meshes:
+            for held, factors in (("hinged edges", HINGED), ("one face", ONE_FACE), ("two faces", TWO_FACES)):
+                found, dofs, seconds = _frequencies(held, SIDE / ratio, cells, size, comm)
+                exact = plate_frequencies(factors, SIDE / ratio)
+                worst = int(np.argmax(np.abs(found / exact - 1.0)))
+                text = f"1:{ratio} {held}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
+                target = Target(float(exact[worst]), "Hz", TOLERANCE, "closed form" if held == "hinged edges" else "published")
+                rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s"))
+    for ratio, cells, size in LOCKED:
+        found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
+        share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
+        note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
+        rows.append(show(CASE, f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory", share, "-", note))
+    return rows
+
+
+def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
+    """Natural frequencies [Hz] of a thin square plate from ``omega a^2 sqrt(rho h / D)``.
+
+    Source: Leissa (1973).
+    """
+    rigidity = STEEL.youngs_modulus * thickness**3 / (12.0 * (1.0 - STEEL.poisson_ratio**2))
+    return np.asarray(factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness)))
+
+
+def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> tuple[FloatArray, int, float]:
+    """Three frequencies [Hz], dofs, and processor seconds of the reduction."""
+    faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(held, ())
+    interfaces = {f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)}
+    edges = {"x-": ("y", "z"), "x+": ("y", "z"), "y-": ("x", "z"), "y+": ("x", "z")} if not faces else {}
+    supports = [Support(face, "plate", (Patch(face),), fixed) for face, fixed in edges.items()]
+    mesh_settings = MeshSettings(size, cells="hex" if cells == "hex" else "tet")
+    plate = Component("plate", Box((SIDE, SIDE, thickness)), STEEL, interfaces=interfaces, mesh=mesh_settings)
+    mesh = shared_mesh(plate, supports, (), comm=comm)
+    start = time.process_time()
+    element = reduce_elastic(
+        plate, mesh, supports, (), comm=comm, request=ReductionRequest(modes=ModeTarget(count=3), recovery=False, errors=False)
+    )
+    seconds = time.process_time() - start
+    check_superelement(element)
+    return element.modal_frequencies_hz[:3], 3 * len(mesh.points), seconds
