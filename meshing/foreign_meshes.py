@@ -56,8 +56,13 @@ def read_nastran_mesh(path: Path) -> MeshData:
     """Read a ``.bdf`` file; it brings no named sets.
 
     Raises:
-        MeshError: The file holds no or several kinds of solid cells.
+        MeshError: The file holds no or several kinds of solid cells, or refers to another file.
     """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            # meshio passes over it, and the cells in the other file would be missing without a word
+            if line.lstrip()[:7].upper() == "INCLUDE":
+                raise MeshError(f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file")
     mesh = meshio.read(path, file_format="nastran")
     solids = [block for block in mesh.cells if block.type.startswith(MESHIO_SOLIDS)]
     kinds = {block.type for block in solids}
