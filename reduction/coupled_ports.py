@@ -36,8 +36,13 @@ def machine_ports(
     rows |= {point.name: point_rows(layout, point) for point in machine.points.values() if wanted is None or point.name in wanted}
     if not rows:
         return {}
-    reduced = np.vstack(list(rows.values())) @ basis
-    return {(name, dof): reduced[6 * i + j] for i, name in enumerate(rows) for j, dof in enumerate(DOF_NAMES)}
+    return {(name, dof): row for name, own in rows.items() for dof, row in zip(DOF_NAMES, _reduce_rows(own, basis), strict=True)}
+
+
+def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
+    """``rows @ basis`` by the few dofs that the rows see."""
+    seen = np.flatnonzero(rows.any(axis=0))
+    return np.asarray(rows[:, seen] @ basis[seen])
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:

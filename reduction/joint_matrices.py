@@ -116,8 +116,11 @@ def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirecti
 
 def reduce_spring(spring: JointSpring, elimination: Elimination) -> JointSpring:
     """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly zero."""
-    rows = spring.rows @ elimination.basis
-    rows[np.abs(rows) <= ROUNDOFF * (np.abs(spring.rows) @ np.abs(elimination.basis))] = 0.0
+    # a joint sees the dofs of two bodies only
+    seen = np.flatnonzero(spring.rows.any(axis=0))
+    own, basis = spring.rows[:, seen], elimination.basis[seen]
+    rows = own @ basis
+    rows[np.abs(rows) <= ROUNDOFF * (np.abs(own) @ np.abs(basis))] = 0.0
     rows[list(spring.held)] = 0.0
     return dataclasses.replace(spring, rows=rows)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.linalg.lapack import dsygvd
+from scipy.linalg.lapack import dpotrf, dsyevr, dsygst, dsygvd
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError, ModelError
@@ -14,6 +14,7 @@ SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
 CANCELLATION_LIMIT = 1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
 BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
+FEW = 0.1  # of all modes, up to which they are solved for alone
 SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
 
 
@@ -58,7 +59,7 @@ def solve_symmetric_modes(
     count = len(mass) if wanted is None else min(wanted, len(mass))
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
-        careful = _careful_modes(stiffness, mass)
+        careful = _careful_modes(stiffness, mass, count)
         return replace(careful, squares=careful.squares[:count], shapes=careful.shapes[:, :count])
     return ModalPairs(*pairs)
 
@@ -67,6 +68,8 @@ def _flexibility_modes(
     stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
 ) -> tuple[FloatArray, FloatArray] | None:
     """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be good enough."""
+    if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
+        return None
     flexibilities, shapes, info = dsygvd(mass.T, stiffness.T)
     if info != 0 or not flexibilities[0] > MASSLESS_LIMIT * flexibilities[-1]:
         return None
@@ -76,6 +79,12 @@ def _flexibility_modes(
         return None
     squares = 1.0 / flexibilities[: -count - 1 : -1]
     return squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares)
+
+
+def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
+    """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
+    few = _few_modes(stiffness, mass, count)
+    return few is None or loses_digits(stiffness, few[1][:, 0] / np.sqrt(few[0][0]))
 
 
 def spreads_too_far(smallest: float, largest: float) -> bool:
@@ -89,8 +98,8 @@ def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
     return bool(len(size) * EPS * (size @ (np.abs(stiffness) @ size)) > CANCELLATION_LIMIT)
 
 
-def _careful_modes(stiffness: FloatArray, mass: FloatArray) -> ModalPairs:
-    """The same when K or M is singular or the eigenvalues lie far apart."""
+def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> ModalPairs:
+    """The same when K or M is singular or the eigenvalues lie far apart; at least the lowest that are wanted."""
     back, condensed_stiffness, condensed_mass = _condense_massless(stiffness, mass)
     null = find_null_space(condensed_stiffness)
     rigid = _mass_orthonormal(null.vectors, condensed_mass)
@@ -99,8 +108,8 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray) -> ModalPairs:
     # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R = 0
     elastic_stiffness = condensed_stiffness[np.ix_(free, free)]
     elastic_mass = condensed_mass[np.ix_(free, free)] - coupling[free] @ coupling[free].T
-    squares, reduced = _two_sided_modes(elastic_stiffness, elastic_mass)
-    shapes = np.zeros((len(condensed_mass), len(free)))
+    squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(elastic_stiffness, elastic_mass)
+    shapes = np.zeros((len(condensed_mass), len(squares)))
     shapes[free] = reduced
     shapes -= rigid @ (coupling.T @ shapes)
     rigid_squares = np.einsum("ij,ij->j", rigid, condensed_stiffness @ rigid)
@@ -145,6 +154,23 @@ def _mass_orthonormal(vectors: FloatArray, mass: FloatArray) -> FloatArray:
         lower = np.linalg.cholesky(vectors.T @ mass @ vectors)
         vectors = solve_triangular(lower, vectors.T, lower=True, check_finite=False).T
     return vectors
+
+
+def _few_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest modes alone, at a tenth of the cost of all; None where many are wanted or one solve does not resolve them."""
+    size = len(mass)
+    if not 0 < wanted <= FEW * size:
+        return None
+    lower, info = dpotrf(stiffness, lower=1)
+    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
+    if failed != 0:
+        return None
+    flexibilities, vectors, number, _, info = dsyevr(reduced, range="I", il=size - wanted + 1, iu=size, lower=1)
+    flexibilities = flexibilities[:number][::-1]
+    if info != 0 or number < wanted or spreads_too_far(flexibilities[-1], flexibilities[0]):
+        return None
+    shapes = solve_triangular(lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False)
+    return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
 
 
 def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
