@@ -36,7 +36,8 @@ def machine_ports(
     rows |= {point.name: point_rows(layout, point) for point in machine.points.values() if wanted is None or point.name in wanted}
     if not rows:
         return {}
-    return {(name, dof): row for name, own in rows.items() for dof, row in zip(DOF_NAMES, _reduce_rows(own, basis), strict=True)}
+    reduced = {name: _reduce_rows(own, basis) for name, own in rows.items()}
+    return {(name, dof): own[place] for name, own in reduced.items() for place, dof in enumerate(DOF_NAMES)}
 
 
 def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.machines import Pose
 from headstock.reduction.compliance_budget import energy_shares, find_weakest_link, point_budget, point_compliance
 from headstock.reduction.coupling import couple
@@ -94,3 +94,20 @@ def test_strain_and_kinetic_shares_of_modes_sum_to_one(series):
 def test_an_unknown_point_is_refused_with_the_known_ones(series):
     with pytest.raises(ModelError, match=r"no point 'tpc'.*'tcp'"):
         point_budget(couple(*series, HOME), "tpc")
+
+
+@pytest.mark.parametrize("count", [10, 120])
+def test_the_budget_of_a_long_slender_machine_is_not_refused_for_what_rounding_leaves(count):
+    """Equal short bodies one above the other, clamped together: the tip moves ten thousand times as far as a body is bent."""
+    height, stiff = 0.04, np.array([1e12, 1e12, 1e12, 2e6, 3e6, 1e6])
+    bodies = [
+        two_node_body(f"body_{i}", 0.5, height, stiff, placement=Frame(np.array([0.0, 0.0, height * i]))) for i in range(count)
+    ]
+    joints = [joint_between("clamp_0", "ground", "body_0.foot", held=range(6))]
+    joints += [joint_between(f"clamp_{i}", f"body_{i - 1}.head", f"body_{i}.foot", held=range(6)) for i in range(1, count)]
+    coupled = couple(*lumped_machine(bodies, joints, {"tcp": (f"body_{count - 1}.head", "ground")}), HOME)
+    budget = point_budget(coupled, "tcp")
+    levers = height * (count - 0.5 - np.arange(count))
+    expected = (1.0 / stiff[0] + levers**2 / stiff[4]).sum()
+    assert budget.compliance[0, 0] == pytest.approx(expected, rel=1e-6)
+    assert sum(budget.shares["x"].values()) == pytest.approx(1.0, abs=1e-6)
