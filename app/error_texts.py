@@ -161,7 +161,7 @@ def error_words(modes: Json) -> list[str]:
 def print_error_shares(console: Console, modes: Json) -> None:
     """Print where the errors of a pose's frequencies come from."""
     found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
-    for words in [f"± from {found}"] * bool(found) + error_words(modes):
+    for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
 
@@ -179,7 +179,7 @@ def response_error_words(response: Json) -> list[str]:
         f"{shares['largest_share_hz']:.4g} Hz"
         for source, shares in sources.items()
     ]
-    words = [f"± from {'; '.join(parts)}"]
+    words = [f"± covers 95 % of errors, from {'; '.join(parts)}"]
     if found["bounded_to_hz"] < response["to_hz"]:
         words.append(f"no bound above {found['bounded_to_hz']:.4g} Hz")
     if response.get("error_left_out"):

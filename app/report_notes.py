@@ -57,7 +57,7 @@ def _judge_compliance(summary: Json) -> Note:
         "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
     )
     if any(error is not None for point in summary["static"].values() for error in point.get("error_um_per_kN", {}).values()):
-        text += "Meshes make it too small, by about as much as stands behind ±: stresses were held against smoother ones."
+        text += "Meshes make it too small: what stands behind ± covers the error in 95 % of cases. It comes from comparing stresses with smoothed ones."
     elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
         text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare."
     return Note("Compliance", text.strip())
@@ -67,7 +67,7 @@ def _judge_frequencies(summary: Json) -> Note:
     if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
         return Note(
             "Natural frequencies",
-            "The column “± Hz” holds the estimated error of each frequency, all sources together that are named below its table."
+            "The column “± Hz” covers the error of each frequency in 95 % of cases, all sources together that are named below its table."
             " The modes that a reduction leaves out and meshes make frequencies too high, not too low. Damping is not part of these modes.",
         )
     return Note(

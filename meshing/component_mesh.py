@@ -32,6 +32,20 @@ class MeshQuality:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceGaps:
+    """What lies between the facets of a mesh and the curved faces of its part.
+
+    Attributes:
+        facets: ``(n, nodes per facet)`` facets on curved faces.
+        volumes: ``(n, q)`` volume between each facet and its face, shared out among the facet's quadrature places
+            (``surface_gaps.PLACES`` along each side) [m^3]; positive where the mesh cuts the part short.
+    """
+
+    facets: IntArray
+    volumes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class ComponentMesh:
     """Nodes, cells of one kind, and named groups of surface facets.
 
@@ -45,6 +59,7 @@ class ComponentMesh:
         patches: ``(n_facets, nodes per facet)`` facets (gmsh tri3/tri6/quad4/quad8/quad9) of each patch group: one group per
             interface name, ``support:NAME`` per support and ``load:NAME`` per load.
         quality: Checks made when the mesh was made.
+        gaps: What it cuts short of curved faces; None where no CAD shape tells, as of mesh files.
     """
 
     points: FloatArray
@@ -53,3 +68,4 @@ class ComponentMesh:
     straight: bool
     patches: dict[str, IntArray]
     quality: MeshQuality
+    gaps: SurfaceGaps | None = None

@@ -197,7 +197,8 @@ def run_shape_job(
     )
     data = run_job(job, what=what, time_limit=time_limit)
     properties = None if data.properties is None else scale_properties(data.properties, scale)
-    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale)
+    curved = None if data.curved is None else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
+    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale, curved=curved)
 
 
 def _wanted_size(component: Component) -> float:

@@ -89,7 +89,7 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
     Returns:
         Scalar areas ``(n,)`` [m^2] and centroids ``(n, 3)`` [m].
     """
-    values, gradients, weights = _facet_tables(facets.shape[1])
+    values, gradients, weights = facet_tables(facets.shape[1])
     nodes = points[facets]
     tangents = np.einsum("aqn,fni->afqi", gradients, nodes)
     measure = np.linalg.norm(np.cross(tangents[0], tangents[1]), axis=2) * weights
@@ -198,9 +198,14 @@ def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
 
 
 @cache
-def _facet_tables(node_count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3, tri6, quad4, quad8 and quad9 facets."""
-    nodes, weights = np.polynomial.legendre.leggauss(6)
+def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3, tri6, quad4, quad8 and quad9 facets.
+
+    Args:
+        node_count: Nodes per facet.
+        places: Gauss points along each side.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(places)
     grid = np.array(list(product(nodes, repeat=2)))
     weight = np.array(list(product(weights, repeat=2))).prod(axis=1)
     triangle = node_count in (3, 6)

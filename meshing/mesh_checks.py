@@ -9,7 +9,7 @@ from headstock.geometry.components import Component, Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.solids import HollowColumn, MeshFile, StepFile, Tube
-from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray, MeshQuality
+from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
 from headstock.meshing.curved_elements import elevate_tets, is_straight, repair_tets
 from headstock.meshing.element_quality import facet_moments, mesh_volume, scaled_jacobians
 from headstock.meshing.element_topology import cell_family, corner_count
@@ -18,6 +18,7 @@ from headstock.meshing.foreign_patches import available_names, select_facets, se
 from headstock.meshing.mesh_job import MeshData
 from headstock.meshing.mesh_surface import MeshSurface, count_parts, extract_surface, match_facets
 from headstock.meshing.serendipity_cells import complete_hexes
+from headstock.meshing.surface_gaps import PLACES, gaps_agree, measure_gaps
 
 QUALITY_FLOOR = 1e-3
 CAD_TOLERANCE = 1e-3
@@ -61,7 +62,9 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         cad_volume = properties.volume
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)
-    return ComponentMesh(points, cells, kind, straight, patches, MeshQuality(quality, repaired, volume, cad_volume, areas))
+    checked = MeshQuality(quality, repaired, volume, cad_volume, areas)
+    gaps = _find_gaps(points, surface, data, component, checked)
+    return ComponentMesh(points, cells, kind, straight, patches, checked, gaps)
 
 
 def patch_moments(points: FloatArray, patches: Mapping[str, IntArray]) -> tuple[dict[str, float], dict[str, FloatArray]]:
@@ -154,6 +157,18 @@ def _check_sizes(
                 f"component {component.name!r}: {name} has an area of {areas[name]:.6g} m^2 in the mesh, CAD {area:.6g} m^2: "
                 f"{error:.2%} off, allowed {tolerance:.1%}; {remedy}"
             )
+
+
+def _find_gaps(
+    points: FloatArray, surface: MeshSurface, data: MeshData, component: Component, quality: MeshQuality
+) -> SurfaceGaps | None:
+    """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add up to the volume it misses."""
+    if isinstance(component.solid, MeshFile):
+        return None
+    if data.curved is None or not len(data.curved.nodes):
+        return SurfaceGaps(surface.facets[:0], np.zeros((0, PLACES**2)))
+    gaps = measure_gaps(points, surface, data.curved)
+    return gaps if gaps_agree(gaps, quality.volume, quality.cad_volume) else None
 
 
 def _resolve_file_patches(data: MeshData, surface: MeshSurface, component: Component, groups: Groups) -> MeshData:

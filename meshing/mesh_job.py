@@ -13,6 +13,7 @@ from headstock.geometry.components import Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties
 from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.surface_gaps import CurvedFacets
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class MeshData:
         size: Element size that was used.
         estimate: Number of cells that were expected.
         faces: Fields of the ``CadFace`` of each face, lengths in the job's own unit.
+        curved: Facets on curved faces; None where none was looked for.
     """
 
     points: FloatArray
@@ -74,6 +76,7 @@ class MeshData:
     size: float = 0.0
     estimate: int = 0
     faces: list[dict[str, Any]] = field(default_factory=list)
+    curved: CurvedFacets | None = None
 
 
 def describe_patch(patch: Patch, scale: float) -> dict[str, Any]:
@@ -107,6 +110,8 @@ def write_data(file: BinaryIO, data: MeshData) -> None:
     arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
     meta: dict[str, Any] = {"kind": data.kind, "facets": list(data.facets), "node_sets": list(data.node_sets), "size": data.size}
     meta |= {"estimate": data.estimate, "faces": data.faces}
+    if data.curved is not None:
+        arrays |= {"curved_nodes": data.curved.nodes, "curved_nearest": data.curved.nearest, "curved_shares": data.curved.shares}
     if data.properties is not None:
         found = dataclasses.asdict(data.properties)
         meta["properties"] = json.loads(json.dumps(found, default=lambda array: array.tolist()))
@@ -127,6 +132,9 @@ def read_data(file: BinaryIO) -> MeshData:
             meta["size"],
             meta["estimate"],
             meta["faces"],
+            CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
+            if "curved_nodes" in store
+            else None,
         )
 
 

@@ -50,6 +50,14 @@ def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]
     return np.flatnonzero(found), len(wanted) - int(found.sum())
 
 
+def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
+    """Index of the surface facet with the same corners for each of ``facets``, which all lie on the surface."""
+    table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
+    order = np.argsort(table)
+    wanted = _pack(np.sort(facets[:, : surface.corners], axis=1))
+    return np.asarray(order[np.searchsorted(table, wanted, sorter=order)])
+
+
 def facets_within(surface: MeshSurface, nodes: IntArray) -> IntArray:
     """Indices of the surface facets all of whose corners are among ``nodes``."""
     return np.flatnonzero(np.isin(surface.facets[:, : surface.corners], nodes).all(axis=1))

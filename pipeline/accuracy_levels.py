@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from headstock.pipeline.accuracy_quantities import Factors, Owner, Quantity
+from headstock.pipeline.accuracy_quantities import MESH_SAFETY, Factors, Owner, Quantity
 from headstock.pipeline.error_estimates import DISCRETISATION
 
 # errors are taken to fall with this power of the mesh size, though most fall faster, and what that leaves counts half as much again
@@ -15,7 +15,7 @@ LEAST_FACTOR = 0.7
 
 
 def weigh_estimates(
-    before: Sequence[Quantity], after: Sequence[Quantity], steps: Mapping[str, float], known: Factors, safety: Mapping[str, float]
+    before: Sequence[Quantity], after: Sequence[Quantity], steps: Mapping[str, float], known: Factors
 ) -> dict[tuple[str, Owner], float]:
     """Factors by which the estimates of meshes are to be counted, from how far numbers moved between two rounds.
 
@@ -27,7 +27,6 @@ def weigh_estimates(
         after: The same of the next one.
         steps: Refined component to its new size over the old one.
         known: Factors of rounds before.
-        safety: Component to the largest factor of its mesh.
 
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
@@ -44,7 +43,7 @@ def weigh_estimates(
             change = abs(quantity.value / earlier[quantity.key].value - 1.0)
             left = sum(change * part / total * _share_left(steps[owner[0]]) for owner, part in moved.items())
             factor = LEVEL_SAFETY * left / total
-            factors |= {(quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, safety[owner[0]])) for owner in moved}
+            factors |= {(quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, MESH_SAFETY)) for owner in moved}
     return factors
 
 

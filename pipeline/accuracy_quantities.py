@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.components import Component
-from headstock.geometry.solids import MeshFile, StepFile
-from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.error_estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.run_state import RunState
 
-# Estimates of meshes are right within a factor, not bounds, and come out low on blocks (0.44 to 1.3 times the true error, `validate
-# mesh-estimates`) and less so on CAD parts (0.9 to 1.9 times). Where two rounds tell more, less is counted (accuracy_levels.py).
-BLOCK_SAFETY, FILE_SAFETY = 1.8, 1.3
+# What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was refined: then its rounds tell how good
+# its estimates are (accuracy_levels.py).
+MESH_SAFETY = 1.8
 RIGID_MODEL = "rigid model"
 
 Owner = tuple[str, str]  # component, source of error
@@ -59,22 +57,16 @@ def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantit
     return [dataclasses.replace(quantity, parts={**quantity.parts, **extra}) for quantity in found]
 
 
-def mesh_safety(component: Component) -> float:
-    """By what the estimates of a component's mesh are to be multiplied, as long as nothing else is known."""
-    return FILE_SAFETY if isinstance(component.solid, StepFile | MeshFile) else BLOCK_SAFETY
-
-
-def count_safely(quantities: list[Quantity], factors: Factors, safety: Mapping[str, float]) -> list[Quantity]:
+def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]:
     """The same with their errors as they are to be counted.
 
     Args:
         quantities: With errors as estimated.
         factors: For numbers of which two rounds tell.
-        safety: Component to the factor of its mesh elsewhere.
     """
 
     def factor(key: str, owner: Owner) -> float:
-        return factors.get((key, owner), safety.get(owner[0], BLOCK_SAFETY) if owner[1] == DISCRETISATION else 1.0)
+        return factors.get((key, owner), MESH_SAFETY if owner[1] == DISCRETISATION else 1.0)
 
     return [
         dataclasses.replace(quantity, parts={owner: factor(quantity.key, owner) * part for owner, part in quantity.parts.items()})
@@ -105,7 +97,7 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
         place = f" in pose {modes.pose.name}" if poses else ""
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
             hz = float(modes.frequencies_hz[index])
-            parts = _relative_parts(modes.errors[index], hz)
+            parts = _relative_parts(state, modes.errors[index], hz)
             if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             yield Quantity(f"frequency {index + 1}{place}", f"frequency {index + 1} ({hz:.4g} Hz){place}", hz, parts)
@@ -119,17 +111,19 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
                     what = f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}"
-                    yield Quantity(what, what, value, _relative_parts(error, value))
+                    yield Quantity(what, what, value, _relative_parts(state, error, value))
 
 
-def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
-    return {
-        (name, source): size / value
-        for source, sizes in error.parts.items()
-        if source in (DISCRETISATION, REDUCTION)
-        for name, size in sizes.items()
-        if size > 0.0
-    }
+def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owner, float]:
+    """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved faces, too."""
+    found: dict[Owner, float] = {}
+    for source, sizes in error.parts.items():
+        for name, size in sizes.items():
+            owner = name, DISCRETISATION if source == CURVED_FACES else source
+            covering = state.reduced[name].superelement.mesh_safety if source == DISCRETISATION else 1.0
+            if size > 0.0:
+                found[owner] = found.get(owner, 0.0) + size / covering / value
+    return found
 
 
 def _short_of(state: RunState, hz: float) -> list[str]:

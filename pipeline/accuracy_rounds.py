@@ -17,7 +17,6 @@ from headstock.pipeline.accuracy_quantities import (
     count_safely,
     elastic_shares,
     list_quantities,
-    mesh_safety,
     worst_quantity,
 )
 from headstock.pipeline.accuracy_settings import (
@@ -72,9 +71,8 @@ def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: Hist
     estimated = list_quantities(state, history.rigid)
     sizes = {name: part.mesh.size for name, part in parts.items() if part.mesh.size is not None and is_chosen(part)}
     steps = {name: size / history.sizes[name] for name, size in sizes.items() if size < history.sizes.get(name, 0.0)}
-    safety = {name: mesh_safety(part) for name, part in parts.items()}
-    factors = weigh_estimates(history.quantities, estimated, steps, history.factors, safety)
-    quantities = count_safely(estimated, factors, safety)
+    factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
+    quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
         return Verdict(True, scene, {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}), history

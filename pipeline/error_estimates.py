@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
+CURVED_FACES = "curved faces"
 
 
 @dataclass(frozen=True)

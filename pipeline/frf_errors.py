@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.damped_machines import DAMPING
-from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.error_estimates import CURVED_FACES, DISCRETISATION, REDUCTION
 from headstock.pipeline.frf_results import PortFigures
 from headstock.pipeline.machine_errors import name_what_is_left_out
 from headstock.pipeline.run_state import RunState
@@ -41,8 +41,8 @@ class ResponseEstimate:
     @property
     def shares(self) -> dict[str, FloatArray]:
         """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no bound."""
-        mesh = {} if self.errors.mesh is None else {DISCRETISATION: np.abs(self.errors.mesh)}
-        return mesh | {REDUCTION: self.errors.bounds}
+        sizes = {DISCRETISATION: self.errors.mesh_sizes, CURVED_FACES: self.errors.face_sizes}
+        return {source: size for source, size in sizes.items() if size is not None} | {REDUCTION: self.errors.bounds}
 
 
 def estimate_response_errors(

@@ -5,10 +5,12 @@ import numpy as np
 from headstock.geometry.components import Component
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import doubt_size
+from headstock.pipeline.error_estimates import REDUCTION
 from headstock.pipeline.reach_warnings import warn_of_cutoff, warn_of_mesh
 from headstock.pipeline.run_state import ReducedComponent, RunState
 
 POOR_QUALITY = 0.05
+LARGE_ERROR = 0.5  # of a number
 
 
 def find_warnings(state: RunState) -> list[str]:
@@ -20,7 +22,34 @@ def find_warnings(state: RunState) -> list[str]:
     for name, reduced in state.reduced.items():
         found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
         found += warn_of_cutoff(name, reduced, highest) + warn_of_mesh(state.plan.components[name], reduced, highest)
-    return found
+    return found + _warn_of_large_errors(state)
+
+
+def _warn_of_large_errors(state: RunState) -> list[str]:
+    """A warning per component that makes what stands behind ± as large as the numbers, with the worst of them and a remedy."""
+    rows = [
+        (f"frequency {index + 1} ({hz:.4g} Hz)", float(hz), modes.errors[index])
+        for modes in state.modal
+        for index, hz in enumerate(modes.frequencies_hz)
+        if index >= modes.rigid_count
+    ]
+    rows += [
+        (f"the {direction} compliance at {name}", float(point.compliance[axis, axis]), error)
+        for points in state.static.values()
+        for name, point in points.items()
+        for axis, (direction, error) in enumerate(point.errors.items())
+    ]
+    worst: dict[tuple[str, str], tuple[float, str]] = {}
+    for what, value, error in rows:
+        parts = {(name, source): size for source, sizes in error.parts.items() for name, size in sizes.items()}
+        if error.total is not None and parts and error.total > LARGE_ERROR * abs(value) > 0.0:
+            owner = max(parts, key=lambda key: parts[key])
+            worst[owner] = max(worst.get(owner, (0.0, "")), (error.total / abs(value), what))
+    return [
+        f"component {name!r}: {what} is no more than a rough guess, its ± is {share:.2g} times its value, most of it {source}; write"
+        f" {'a higher reduction.modes_to' if source == REDUCTION else 'a smaller mesh size'}"
+        for (name, source), (share, what) in worst.items()
+    ]
 
 
 def _size_warnings(component: Component, reduced: ReducedComponent) -> list[str]:

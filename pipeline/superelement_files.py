@@ -217,6 +217,8 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         "mass": (superelement.mass, (size, size)),
         "damping": (superelement.damping, (size, size)),
         "missing_energy": (superelement.missing_energy, (size, size)),
+        "shape_stiffness": (superelement.shape_stiffness, (size, size)),
+        "shape_mass": (superelement.shape_mass, (size, size)),
         "constraints": (superelement.constraints, (len(superelement.constraints), size)),
         "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
         "center_of_mass": (superelement.center_of_mass, (3,)),

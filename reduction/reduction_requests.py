@@ -116,6 +116,8 @@ def trim_superelement(element: Superelement, request: ReductionRequest, *, mass:
         rails={name: dataclasses.replace(rail, control=rail.control[:, :kept]) for name, rail in element.rails.items()},
         truncation=None if request.modes is None else _add_to_truncation(element, kept, cutoff),
         missing_energy=None if element.missing_energy is None else element.missing_energy[:kept, :kept],
+        shape_stiffness=None if element.shape_stiffness is None else element.shape_stiffness[:kept, :kept],
+        shape_mass=None if element.shape_mass is None else element.shape_mass[:kept, :kept],
     )
     if mass:
         return trimmed

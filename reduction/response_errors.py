@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.reduction.response_space import ResponseSpace
+from headstock.reduction.response_space import ResponseSpace, SystemChange
 from headstock.solvers.second_order import ComplexArray
 
 CHUNK = 256  # frequencies at a time
+PASSING = 3  # peaks that may pass over a line
+PASSING_MARGIN = 1.25  # the way of a peak is tried in one place only
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,11 +21,15 @@ class ResponseErrors:
         least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can add; NaN where there is no bound.
         most: The same by the most they can add; the truth lies between both as a rule.
         mesh: The same by finer meshes, an estimate; None where no mesh has one, NaN where modes without one take part.
+        mesh_sizes: The largest change ``(n_freq, n_outputs, n_inputs)`` on the way to finer meshes: a peak passes over lines.
+        face_sizes: What the parts' curved faces may add to that; None where nothing is curved.
     """
 
     least: ComplexArray
     most: ComplexArray
     mesh: ComplexArray | None = None
+    mesh_sizes: FloatArray | None = None
+    face_sizes: FloatArray | None = None
 
     @property
     def bounds(self) -> FloatArray:
@@ -51,9 +57,13 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     shape = (len(squares), len(space.rows), inputs)
     least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
     mesh = np.zeros(shape, dtype=complex) if space.sources.meshed else None
+    sizes, faces = np.zeros(shape), np.zeros(shape)
     beyond = squares >= space.limit
     least[beyond] = most[beyond] = np.nan
     silent = frequencies_hz >= min((part.reach_hz for part in space.sources.meshed.values()), default=np.inf)
+    moves = (
+        [] if mesh is None else [_Move(change, space.squares(), space.squares(change)) for change in (space.finer, *space.faces)]
+    )
     for start in range(0, len(squares), CHUNK):
         lines = np.arange(start, min(start + CHUNK, len(squares)))
         if not (space.sources.truncated or space.sources.meshed):
@@ -62,19 +72,56 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
         plain = space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex))
         if mesh is not None:
             mesh[lines] = soften_response(space, frequencies_hz[lines]) - plain
+            sizes[lines] = np.maximum(np.abs(mesh[lines]), _largest_passing(space, moves[0], squares[lines], plain))
+            for move in moves[1:]:
+                whole = np.abs(_respond(space, space.dynamic_stiffness(squares[lines], move.change)) - plain)
+                added = np.maximum(whole, _largest_passing(space, move, squares[lines], plain)) - sizes[lines]
+                faces[lines] = np.maximum(faces[lines], added)
         inside = (squares[lines] > 0.0) & ~beyond[lines]
         if space.sources.truncated and inside.any():
             kept = lines[inside]
             least[kept], most[kept] = _add_modes(space, squares[kept], dynamic[inside], plain[inside])
-    if mesh is not None:
-        mesh[silent] = np.nan
-    return ResponseErrors(least, most, mesh)
+    if mesh is None:
+        return ResponseErrors(least, most)
+    mesh[silent] = sizes[silent] = np.nan
+    return ResponseErrors(least, most, mesh, sizes, faces if space.faces else None)
 
 
 def soften_response(space: ResponseSpace, frequencies_hz: FloatArray) -> ComplexArray:
     """Receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by their estimates."""
-    dynamic = space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, softened=True)
+    return _respond(space, space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, space.finer))
+
+
+def _respond(space: ResponseSpace, dynamic: ComplexArray) -> ComplexArray:
     return np.asarray(space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """A change of a system, and ``omega^2`` of its modes ``(m,)`` before and after."""
+
+    change: SystemChange
+    before: FloatArray
+    after: FloatArray
+
+
+def _largest_passing(space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray) -> FloatArray:
+    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over them; 0 where none does.
+
+    The truth may lie anywhere between no change and the whole. While the change grows modes move from here to there, and those
+    that pass over a line are on it at some share of the change, which is taken to grow evenly along the way.
+    """
+    largest = np.zeros(plain.shape)
+    low, high = np.minimum(move.before, move.after), np.maximum(move.before, move.after)
+    passing = (low < squares[:, None]) & (squares[:, None] < high)
+    for _ in range(int(min(PASSING, passing.sum(axis=1).max(initial=0)))):
+        lines = np.flatnonzero(passing.any(axis=1))
+        modes = passing[lines].argmax(axis=1)
+        passing[lines, modes] = False
+        shares = (move.before[modes] - squares[lines]) / (move.before[modes] - move.after[modes])
+        moved = _respond(space, space.dynamic_stiffness(squares[lines], move.change, shares))
+        largest[lines] = np.maximum(largest[lines], PASSING_MARGIN * np.abs(moved - plain[lines]))
+    return largest
 
 
 def _add_modes(

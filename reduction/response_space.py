@@ -31,6 +31,14 @@ class ErrorSources:
     loss_factors: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class SystemChange:
+    """What is added to the stiffness ``(m, m)``, damping with it, and to the mass ``(m, m)`` of a system."""
+
+    stiffness: ComplexArray
+    mass: FloatArray
+
+
 class ResponseSpace:
     """A damped system and its sources of error, in a trial space.
 
@@ -39,6 +47,8 @@ class ResponseSpace:
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
         rest: Square of the angular frequency that counts as rest.
+        finer: What finer meshes change.
+        faces: What the parts' curved faces change, alone and together with finer meshes; empty where nothing is curved.
     """
 
     def __init__(
@@ -57,22 +67,34 @@ class ResponseSpace:
             seen, moments = part.rows @ space, part.truncation
             first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
             self._moments.append((first, second, moments.limit, lossy[name]))
-        self._missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
+        missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
+        shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
         for name, meshed in sources.meshed.items():
             seen = meshed.rows @ space
-            self._missing += lossy[name] * (seen.T @ meshed.energy @ seen)
+            missing += lossy[name] * (seen.T @ meshed.energy @ seen)
+            if meshed.shape_stiffness is not None and meshed.shape_mass is not None:
+                shape += lossy[name] * (seen.T @ meshed.shape_stiffness @ seen)
+                heavier += seen.T @ meshed.shape_mass @ seen
+        nothing = np.zeros_like(self._mass)
+        self.finer = SystemChange(-missing, nothing)
+        # finer meshes and true faces may act together or against each other
+        faces = (SystemChange(shape, heavier), SystemChange(shape - missing, heavier))
+        self.faces: tuple[SystemChange, ...] = faces if shape.any() or heavier.any() else ()
 
     @property
     def limit(self) -> float:
         """Square of the angular frequency from which on modes are left out."""
         return min((part.truncation.limit for part in self.sources.truncated.values()), default=np.inf)
 
-    def dynamic_stiffness(self, squares: FloatArray, *, softened: bool = False) -> ComplexArray:
+    def dynamic_stiffness(
+        self, squares: FloatArray, change: SystemChange | None = None, shares: FloatArray | float = 1.0
+    ) -> ComplexArray:
         """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``; structural damping does not act at rest.
 
         Args:
             squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
-            softened: Less what the meshes hold the machine too stiff by.
+            change: What is added, such as by finer meshes; None for nothing.
+            shares: ``(n_freq,)`` how much of it.
         """
         moving = (squares > 0.0)[:, None, None]
         dynamic: ComplexArray = self._stiffness - np.where(moving, squares[:, None, None], self.rest) * self._mass + 0j
@@ -80,13 +102,20 @@ class ResponseSpace:
             dynamic += 1j * moving * self._hysteretic
         if self._damping is not None:
             dynamic += 1j * np.sqrt(squares)[:, None, None] * self._damping
-        if softened:
-            dynamic -= np.where(moving, self._missing, self._missing.real)
+        if change is not None:
+            added = np.where(moving, change.stiffness, change.stiffness.real) - squares[:, None, None] * change.mass
+            dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
         return dynamic
+
+    def squares(self, change: SystemChange | None = None) -> FloatArray:
+        """``omega^2`` of the undamped modes ``(m,)``, with a change or without."""
+        stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
+        mass = self._mass if change is None else self._mass + change.mass
+        return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:
         """Where the mode nearest to a frequency lies with finer meshes, over where it lies now."""
-        now, then = (eigh(self._stiffness - change, self._mass, eigvals_only=True) for change in (0.0, self._missing.real))
+        now, then = self.squares(), self.squares(self.finer)
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
         return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0
 

@@ -24,6 +24,7 @@ from headstock.validation.closed_form_cases import (
     check_torsion_constants,
 )
 from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour, check_whole_nonlinear_contour
+from headstock.validation.coverage_cases import check_coverage, check_coverage_smoke
 from headstock.validation.deep_beam_response import check_harmonic_beam, check_transient_beam
 from headstock.validation.drive_cases import check_friction, check_sampled_control, check_two_masses
 from headstock.validation.estimate_cases import check_frequency_estimates, check_step_estimates
@@ -147,6 +148,8 @@ CASES: tuple[Case, ...] = (
         check_machine_accuracy,
         on_request=True,
     ),
+    Case("coverage", "estimates", "how often ± covers the truth, over 48 parts", check_coverage, on_request=True),
+    Case("coverage-smoke", "estimates", "the same on two parts", check_coverage_smoke),
     Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", check_frequency_estimates),
     Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", check_step_estimates),
     Case("response-estimates", "estimates", "± of frequency responses against direct solves", check_response_estimates),

@@ -48,5 +48,7 @@ def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction
 def test_words_name_every_source_and_what_is_left_out(curves):
     response = PoseResponse(curves, "modal", True, (), (), (), ("rigid model of base",))
     words = response_error_words(summarise_response(response))
-    assert words[0].startswith("± from discretisation 15 % of a line in the median, at most 20 % at 10 Hz; reduction 5 %")
+    assert words[0].startswith(
+        "± covers 95 % of errors, from discretisation 15 % of a line in the median, at most 20 % at 10 Hz; reduction 5 %"
+    )
     assert words[1:] == ["no bound above 10 Hz", "not in ±: rigid model of base"]

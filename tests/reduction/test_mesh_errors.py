@@ -21,7 +21,7 @@ from headstock.solvers.modal_analysis import solve_modal
 SIZE = (0.04, 0.1, 0.4)
 COUNT = 5
 FINE = ("hex27", (3, 8, 26))
-COARSE = [("hex27", (1, 1, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("tet10", (2, 4, 12)), ("hex8", (2, 4, 12))]
+COARSE = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("tet10", (2, 4, 12)), ("hex8", (2, 4, 12))]
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +49,9 @@ def numbers(coupled):
     budget = point_budget(coupled, "tcp")
     soft = np.diag(budget.compliance)[:3]
     errors = frequency_mesh_errors(coupled, modes)["body"] / modes.frequencies_hz
-    return np.r_[modes.frequencies_hz, soft], np.r_[
-        errors, np.diag(compliance_mesh_errors(coupled, budget.displacements)["body"])[:3] / soft
-    ]
+    softer = np.diag(compliance_mesh_errors(coupled, budget.displacements)["body"])[:3] / soft
+    # as estimated, without the factor that covers 95 %
+    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements["body"].mesh_safety
 
 
 def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(column):

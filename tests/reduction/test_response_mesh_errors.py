@@ -25,7 +25,7 @@ SIZE = (0.04, 0.1, 0.4)
 LOSS = 0.03
 PORTS = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 FINE = ("hex27", (3, 8, 26))
-COARSE = [("hex27", (1, 1, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("hex8", (2, 4, 12))]
+COARSE = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("hex8", (2, 4, 12))]
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +38,8 @@ def column(make_box, make_component):
     def coupled(kind, counts, *, held=True):
         mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
         element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
+        # as estimated, without the factor that covers 95 %
+        element = dataclasses.replace(element, mesh_safety=1.0)
         machine = Machine("column", {"body": component}, {"clamp": clamp} if held else {}, points=points)
         return couple({"body": element}, machine, Pose("reference"))
 
@@ -68,7 +70,7 @@ def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energ
 
 
 def test_at_rest_it_is_the_estimate_of_the_static_compliance(column):
-    coupled = column("hex27", (1, 1, 3))
+    coupled = column("hex27", (2, 3, 8))
     _, space = judged(coupled, [100.0])
     found = bound_response_errors(space, np.array([0.0]))
     assert not found.bounds.any()
@@ -103,3 +105,26 @@ def test_estimates_are_within_a_factor_of_three_and_rank_lines_and_meshes_as_the
     assert 1.0 / 3.0 < np.median(ratios) < 3.0
     assert ((ratios > 1.0 / 3.0) & (ratios < 3.0)).mean() > 0.8
     assert spearmanr(np.ravel(found), np.ravel(true)).statistic > 0.9
+
+
+def test_a_peak_that_passes_over_a_line_is_in_its_error(column):
+    coupled = column("tet10", (1, 2, 6))
+    modes = solve_modal(coupled.system)
+    first = float(modes.frequencies_hz[0])
+    dropped = frequency_mesh_errors(coupled, modes)["body"][0]
+    # damped so little that a line half-way is beside the peak before and after the change
+    lines, loss, parts = np.array([first - 0.5 * dropped]), 0.1 * dropped / first, meshed_parts(coupled)
+    system = dataclasses.replace(coupled.system, damping=None, hysteretic=loss * coupled.system.stiffness)
+    ports = (input_columns(system, PORTS), output_rows(system, PORTS))
+    space = project_response(system, ErrorSources(meshed=parts, loss_factors={"body": loss}), modes, ports, first)
+    errors = bound_response_errors(space, lines)
+    row = int(np.argmax(errors.mesh_sizes[0].diagonal()))
+    plain = solve_frf(system, lines, inputs=PORTS, outputs=PORTS).receptance
+    missing = parts["body"].rows.T @ parts["body"].energy @ parts["body"].rows
+    passing = []
+    for share in np.linspace(0.4, 0.6, 41):
+        stiffness, hysteretic = system.stiffness - share * missing, system.hysteretic - loss * share * missing
+        moved = dataclasses.replace(system, stiffness=stiffness, hysteretic=hysteretic)
+        passing.append(abs((solve_frf(moved, lines, inputs=PORTS, outputs=PORTS).receptance - plain)[0, row, row]))
+    assert abs(errors.mesh[0, row, row]) < 0.5 * max(passing)
+    assert max(passing) <= errors.mesh_sizes[0, row, row] <= 1.5 * max(passing)
