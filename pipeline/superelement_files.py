@@ -136,6 +136,8 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
     for name, value in single.items():
         if not value >= 0.0 or (np.isinf(value) and name != "cutoff_hz"):
             raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
+    if not 1.0 <= superelement.mesh_safety < np.inf:
+        raise RecordError(f"{path}: mesh_safety is {superelement.mesh_safety}; it must be a number of at least 1")
     scale = dof_scale(superelement)
     if superelement.missing_energy is not None:
         _check_semidefinite(path, "missing_energy", superelement.missing_energy, scale)

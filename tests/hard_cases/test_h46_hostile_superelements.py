@@ -168,6 +168,8 @@ LYING: dict[str, tuple[Change, str]] = {
     "negative missing energy": (scale(-1.0, "missing_energy"), "missing_energy has a negative direction"),
     "one negative missing energy": (entry("missing_energy", (7, 7), -1.0), "missing_energy has a negative direction"),
     "unsymmetric missing energy": (entry("missing_energy", (0, 1), 0.5), "missing_energy is not symmetric"),
+    "an error made small": (attribute("mesh_safety", 0.01), "mesh_safety is 0.01"),
+    "a safety that is none": (attribute("mesh_safety", np.nan), "mesh_safety is nan"),
     "negative truncation": (scale(-1.0, "truncation/first", "truncation/second"), "truncation/first has a negative direction"),
     "negative second moment": (scale(-1.0, "truncation/second"), "truncation/second has a negative direction"),
     "second moment too large": (scale(2.0, "truncation/second"), "larger than truncation/first allows"),
