@@ -18,6 +18,7 @@ from headstock.reduction.body_motions import (
 from headstock.reduction.compliance_budget import energy_shares
 from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.dof_layout import turn_dofs
+from headstock.reduction.round_bodies import is_ball, name_around, name_on_ball, round_axis
 from headstock.solvers.modal_analysis import ModalResult
 
 ELASTIC_SHARE = 0.3  # strain energy from which a component is said to deform
@@ -156,6 +157,14 @@ def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str
     long = rotation @ axes[:, 0]
     slender = moments[0] < SLENDER_RATIO * moments[1]
     axis = int(np.argmax(np.round(np.abs(long), 6)))
+    if is_ball(moments, places):
+        return name_on_ball(places, field)
+    around = round_axis(moments, rotation @ axes, places)
+    if around is not None:
+        letter = int(np.argmax(np.round(np.abs(around), 6)))
+        named = name_around(around, places, field, letter, slender=bool(moments[2] - moments[1] < moments[1] - moments[0]))
+        if named is not None:
+            return named
     if slender and _turning_share(long, places, field) > TWIST_SHARE:
         return "twist", "ABC"[axis]
     if slender and _stretching_share(long, places, field) > STRETCH_SHARE:

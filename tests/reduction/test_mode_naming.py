@@ -9,6 +9,7 @@ from headstock.reduction.body_motions import join_names
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import reduce_elastic
 from headstock.reduction.mode_naming import name_modes
+from headstock.reduction.round_bodies import is_ball, name_around, name_on_ball, round_axis
 from headstock.solvers.modal_analysis import solve_modal
 from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
@@ -74,3 +75,63 @@ def test_numbered_names_are_joined():
     assert join_names(["pad_3", "pad_1", "pad_2", "screw"]) == "pad_1..3 + screw"
     assert join_names(["pad_1", "pad_4"]) == "pad_1,4"
     assert join_names(["a", "b", "c", "d", "e"]) == "a + b + c + d ..."
+
+
+def ring_points(radius, height, count=600):
+    """Places on a wall of a radius and height, or in a disc where the height is nearly none."""
+    random = np.random.default_rng(0)
+    angles, heights = random.uniform(0.0, 2.0 * np.pi, count), random.uniform(-0.5, 0.5, count) * height
+    radii = radius * (np.sqrt(random.uniform(0.0, 1.0, count)) if height < radius / 5 else np.ones(count))
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights]), angles, radii
+
+
+TUBE_FIELDS = {
+    "breathe": lambda a, z: (np.ones_like(a), 0.0 * a, -0.3 * z),
+    "twist C": lambda a, z: (0.0 * a, z, 0.0 * a),
+    "stretch Z": lambda a, z: (0.05 * np.ones_like(a), 0.0 * a, z),
+    "ovalize": lambda a, z: (np.cos(2 * a + 0.4), -0.5 * np.sin(2 * a + 0.4), 0.02 * z),
+    "deform in 3 lobes": lambda a, z: (np.cos(3 * a), -np.sin(3 * a) / 3, 0.0 * a),
+    "None": lambda a, z: (z**2 * np.cos(a), -(z**2) * np.sin(a), -0.1 * z * np.cos(a)),
+}
+
+
+@pytest.mark.parametrize("expected", list(TUBE_FIELDS))
+def test_a_tube_is_named_by_the_waves_around_its_axis(expected):
+    places, angles, _ = ring_points(0.1, 1.0)
+    radial, around, along = TUBE_FIELDS[expected](angles, places[:, 2] * 10.0)
+    field = np.column_stack(
+        [radial * np.cos(angles) - around * np.sin(angles), radial * np.sin(angles) + around * np.cos(angles), along]
+    )
+    named = name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=True)
+    assert (str(named) if named is None else " ".join(named).strip()) == expected
+
+
+@pytest.mark.parametrize(
+    ("waves", "expected"), [(0, "bend like an umbrella"), (2, "bend with 2 nodal diameters"), (3, "bend with 3 nodal diameters")]
+)
+def test_a_disc_is_named_by_its_nodal_diameters(waves, expected):
+    places, angles, radii = ring_points(0.1, 0.005)
+    field = np.column_stack([np.zeros((600, 2)), (radii / 0.1) ** 2 * np.cos(waves * angles + 0.3)])
+    assert " ".join(name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=False)) == expected
+
+
+def test_a_ball_breathes_twists_or_deforms_and_has_no_direction():
+    places = np.random.default_rng(1).standard_normal((600, 3))
+    assert name_on_ball(places, 0.1 * places) == ("breathe", "")
+    assert name_on_ball(places, np.cross([0.0, 0.0, 1.0], places) * places[:, 2:]) == ("twist", "")
+    assert name_on_ball(places, places * [1.0, -1.0, 0.0]) == ("deform", "")
+
+
+def test_a_square_bar_is_not_round_and_a_cube_is_no_ball_though_their_moments_are_alike():
+    cube = np.random.default_rng(2).uniform(-1.0, 1.0, (2000, 3))
+    ball = cube[np.linalg.norm(cube, axis=1) < 1.0]
+    tube, _, _ = ring_points(0.1, 1.0)
+    bar, alike = cube * [0.1, 0.1, 1.0], np.array([1.0, 1.0, 1.001])
+    assert is_ball(alike, ball) and not is_ball(alike, cube)
+    # axes of rising moments: the long one first
+    long_first, moments = np.eye(3)[:, [2, 0, 1]], np.array([0.1, 2.0, 2.0])
+    assert round_axis(moments, long_first, tube).tolist() == [0.0, 0.0, 1.0]
+    assert round_axis(moments, long_first, bar) is None
+    assert round_axis(np.array([1.0, 1.5, 2.0]), long_first, tube) is None
+    # boundary nodes alone do not tell
+    assert round_axis(moments, long_first, tube[:4]) is None
