@@ -69,7 +69,7 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
         assert text in printed, text
     summary = json.loads((out / "compare.json").read_text())
     assert json.loads(copy.read_text()) == summary
-    assert set(summary) == {"scene", "pose", "reference", "same_from", "modes", "variants"}
+    assert set(summary) == {"scene", "pose", "reference", "same_from", "modes", "variants", "provenance"}
     # every frequency of the reference is printed as the file has it
     for row in summary["modes"]:
         cell = row["variants"]["as written"]
