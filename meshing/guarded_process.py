@@ -188,6 +188,8 @@ def isolate(readable: Sequence[str]) -> str | None:
     Returns:
         What the kernel refused, or None.
     """
+    if not hasattr(os, "unshare") or os.uname().machine not in SYS_PIVOT_ROOT:
+        return f"no namespaces are known for {sys.platform} on {os.uname().machine}"
     uid, gid = os.geteuid(), os.getegid()
     opened = {}
     for path in readable:

@@ -48,11 +48,12 @@ def test_a_child_sees_its_file_and_the_code_but_no_other_file_of_the_user(run: R
     for path in (mine, other):
         path.write_text(f"text of {path.name}")
     code = """
-        print(Path(words[0]).read_text(), Path(words[1]).exists(), Path.home().exists(), Path("/etc/passwd").exists(), file=sys.stderr)
+        beside = sorted(os.listdir(Path(words[0]).parent))
+        print(Path(words[0]).read_text(), beside, Path(words[1]).exists(), Path("/etc/passwd").exists(), file=sys.stderr)
         import decimal
     """
     end = run(code, str(mine), str(other), readable=(mine,))
-    assert (end.code, end.last_line) == (0, "text of part.step False False False")
+    assert (end.code, end.last_line) == (0, "text of part.step ['modules', 'part.step'] False False")
 
 
 @pytest.mark.usefixtures("_namespaces")
@@ -170,6 +171,8 @@ def test_where_namespaces_are_refused_the_work_goes_on(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(os, "unshare", refuse)
     assert isolate([__file__]) == "Operation not permitted"
+    monkeypatch.delattr(os, "unshare")
+    assert str(isolate([__file__])).startswith("no namespaces are known for")
     assert Path(__file__).is_file()
 
 
