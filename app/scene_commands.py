@@ -46,7 +46,7 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
 
         loaded = load_checked(scene, variant, set_)
         if loaded.accuracy is None:
-            planned = plan_scene(loaded)
+            planned = plan_scene(loaded, survey=True)
         else:
             from headstock.pipeline.accuracy_plan import plan_first_round  # it loads the solvers
 

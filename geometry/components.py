@@ -83,6 +83,7 @@ class MeshSettings:
     across_patches: int = 4
     growth: float | None = None
     rim_size: float | None = None
+    smallest: float | None = None
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,12 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.crowded_faces import (
+    add_growth_fields,
+    describe_short_edges,
+    measure_edges,
+    name_finest_faces,
+)
 from headstock.meshing.curvature_sizing import (
     SizePlan,
     add_size_fields,
@@ -30,11 +36,13 @@ from headstock.meshing.sizing import (
     DEFAULT_FILE_CELLS,
     LARGEST_SHARE,
     SIZE_STEP,
+    SMALLEST_SIZE,
     budget_message,
     default_size,
+    estimate_behind_faces,
     estimate_tets,
 )
-from headstock.meshing.sliver_faces import refuse_slivers
+from headstock.meshing.sliver_faces import refuse_slivers, remove_narrow_features
 from headstock.meshing.solid_shapes import Shape, build_shape
 from headstock.meshing.surface_gaps import PLACES, CurvedFacets, facet_places
 
@@ -46,6 +54,7 @@ TETRAHEDRON = {1: 4, 2: 11}
 TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
 NEVER_EXTEND = 0
+NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
 OPTIONS: dict[str, float] = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
@@ -67,24 +76,36 @@ def mesh_shape(job: MeshJob) -> MeshData:
         solid = read_solid(job)
         volume = build_shape(solid)
         size = _element_size(job, solid, volume)
+        as_shown = boundary_faces(volume)
+        removed: list[str] = []
+        if isinstance(solid, StepFile) and job.task != "describe":
+            volume, removed = _remove_narrow_features(job, solid, volume, size)
         if isinstance(solid, StepFile):
-            refuse_slivers(boundary_faces(volume), size=size, unit=job.unit)
+            refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
         groups = {name: [read_patch(patch) for patch in patches] for name, patches in job.groups.items()}
-        imprints = imprint_patches(_open_shape(job, solid, volume, size), groups)
+        imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), groups)
         faces = imprints.faces
         properties = _measure(volume, faces)
         rims = _find_rims(job, imprints)
         plan, count = _plan_sizes(job, volume, faces, size)
         count += 0 if job.growth is None else count_rim_cells(rims, growth=job.growth, size=size)
+        nothing = np.zeros((0, 4), dtype=np.int64)
+        described = MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
         if job.task == "describe":
-            nothing = np.zeros((0, 4), dtype=np.int64)
-            return MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
-        if count > CELL_BUDGET:
-            remedy = ", or remove small holes and fillets" if isinstance(solid, StepFile) else ""
-            raise MeshError(budget_message(count, size * job.unit) + remedy)
-        _set_sizes(job, size, plan, rims)
+            return described
+        # imprints cut faces up, and what is left has other numbers
+        present = set(boundary_faces(volume))
+        numbers = {tag: number for number, tag in enumerate(as_shown, 1) if tag in present} if present <= set(as_shown) else {}
+        _check_budget(count, job, size, numbers)
+        fields = _set_sizes(job, size, plan, rims)
+        remarks = removed + _mesh_faces(job, volume, size, fields, numbers)
+        count, nodes = _count_cells(job, volume, size)
+        if job.task == "estimate":
+            return dataclasses.replace(described, estimate=count, nodes=nodes, remarks=remarks)
+        _check_budget(count, job, size, numbers)
         _generate(job)
-        return dataclasses.replace(_collect(job, volume, faces, properties, size), estimate=count)
+        data = _collect(job, volume, faces, properties, size)
+        return dataclasses.replace(data, estimate=count, remarks=remarks, owners=_point_owners(data, numbers))
 
 
 @contextmanager
@@ -152,12 +173,24 @@ def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
     return box[:3], box[3:]
 
 
-def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float) -> OpenShape:
+def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> tuple[int, list[str]]:
+    faces = boundary_faces(volume)
+    patches = [patch["face"] for patches in job.groups.values() for patch in patches]
+    named = [int(face.removeprefix("face:")) for face in patches if face.startswith("face:")]
+    width = NARROW_SHARE * _smallest(job, size)
+    left, remarks = remove_narrow_features(volume, faces, width=width, named=named, unit=job.unit)
+    if left is None:
+        gmsh.clear()
+        return build_shape(solid), []
+    return left, remarks
+
+
+def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float, faces: list[int]) -> OpenShape:
     low, high = shape_bounds(volume)
     return OpenShape(
         volume,
         solid,
-        tuple(boundary_faces(volume)),
+        tuple(faces),
         low,
         high,
         size,
@@ -181,17 +214,66 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
     return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
 
 
-def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, rims: dict[int, float]) -> None:
+def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, rims: dict[int, float]) -> list[int]:
+    """Tell gmsh the element sizes; return the tags of the fields that hold them."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     fields = [] if plan is None else add_size_fields(plan)
     if job.growth is not None:
         fields += add_grading_fields(rims, growth=job.growth, size=size)
         # sizes on faces follow their distance from the rims, not those of the nearest edges
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+    _use_fields(fields)
+    return fields
+
+
+def _use_fields(fields: list[int]) -> None:
     if fields:
         smallest = gmsh.model.mesh.field.add("Min")
         gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
         gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _smallest(job: MeshJob, size: float) -> float:
+    return (SMALLEST_SIZE * size if job.smallest is None else job.smallest) / job.refinement
+
+
+def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbers: dict[int, int]) -> list[str]:
+    """Mesh edges and faces, and say what was done about short edges."""
+    faces = boundary_faces(volume)
+    gmsh.model.mesh.generate(1)
+    remarks = []
+    if job.solid["kind"] == StepFile.__name__ and job.growth is None:
+        edges, smallest = measure_edges(faces, size), _smallest(job, size)
+        if edges.crowded:
+            _use_fields(fields + add_growth_fields(edges, size=size, smallest=smallest))
+            gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+        remarks = describe_short_edges(edges, numbers, smallest=smallest, unit=job.unit)
+    gmsh.model.mesh.generate(2)
+    return remarks
+
+
+def _count_cells(job: MeshJob, volume: int, size: float) -> tuple[int, int]:
+    """Number of cells and nodes to expect behind the triangles of the meshed faces."""
+    triangles = sum(len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], face)[0]) for face in boundary_faces(volume))
+    return estimate_behind_faces(triangles, float(gmsh.model.occ.getMass(3, volume)) / size**3, job.order)
+
+
+def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]) -> None:
+    """Refuse what would be too large.
+
+    Raises:
+        MeshError: With a size that would do; of CAD parts also the faces that hold most elements, and the key that coarsens them.
+    """
+    if count <= CELL_BUDGET:
+        return
+    message = budget_message(count, size * job.unit)
+    if job.solid["kind"] != StepFile.__name__:
+        raise MeshError(message)
+    smallest = _smallest(job, size) * job.unit
+    raise MeshError(
+        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or remove small holes and fillets"
+        f"{name_finest_faces(numbers)}"
+    )
 
 
 def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
@@ -246,6 +328,17 @@ def _worst_quality() -> float:
     row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
     return float(scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min())
+
+
+def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
+    """Number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where faces have no numbers."""
+    tags, _, _ = gmsh.model.mesh.getNodes()
+    owner = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    for face, number in numbers.items():
+        owner[gmsh.model.mesh.getNodes(2, face, includeBoundary=True)[0]] = number
+    # points are the nodes of the cells, in the order of their tags
+    kept = owner[np.unique(gmsh.model.mesh.getElementsByType(TETRAHEDRON[1 if data.kind == "tet4" else 2])[1])]
+    return np.asarray(kept, dtype=np.int64)
 
 
 def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float) -> MeshData:

@@ -12,12 +12,19 @@ IntArray = NDArray[np.int64]
 CellKind = Literal["tet4", "tet10", "hex8", "hex20", "hex27"]
 
 
-@dataclass(frozen=True)
+POOR_QUALITY = 0.05
+
+
+@dataclass(frozen=True, eq=False)
 class MeshQuality:
     """What a mesh is worth.
 
     Attributes:
         minimum_scaled_jacobian: Smallest scaled Jacobian over all elements (1 ideal, <= 0 inverted).
+        poor_share: Share of the volume in elements with a scaled Jacobian below ``POOR_QUALITY``.
+        worst_place: ``(3,)`` middle of the element that is worst [m].
+        worst_face: ``face:N`` that it lies at; empty where it lies at none, or faces have no numbers.
+        remarks: What was done to mesh small features.
         repaired: Number of curved elements that were inverted as meshed and have been straightened or optimised.
         volume: Volume integrated over the elements [m^3].
         cad_volume: Volume of the CAD solid [m^3], NaN where there is none.
@@ -29,6 +36,10 @@ class MeshQuality:
     volume: float
     cad_volume: float
     cad_areas: dict[str, float] = field(default_factory=dict)
+    poor_share: float = 0.0
+    worst_place: FloatArray = field(default_factory=lambda: np.zeros(3))
+    worst_face: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

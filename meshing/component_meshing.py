@@ -108,6 +108,60 @@ def describe_component(component: Component) -> SolidProperties:
     return properties
 
 
+@dataclasses.dataclass(frozen=True)
+class MeshEstimate:
+    """What a mesh will be like, roughly.
+
+    Attributes:
+        cells: Their number.
+        nodes: Number of nodes; 0 where it follows from the cells alone.
+        volume: Of the solid [m^3]; None where it is not known.
+    """
+
+    cells: int
+    nodes: int = 0
+    volume: float | None = None
+
+
+def estimate_mesh(
+    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, survey: bool = False
+) -> MeshEstimate:
+    """What a component's mesh will be like before meshing.
+
+    Args:
+        component: What to mesh.
+        supports: Of any component.
+        loads: Of any component.
+        survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh itself: within a factor of 1.5.
+
+    Raises:
+        MeshError: A STEP file cannot be read, or a patch does not exist.
+    """
+    solid = component.solid
+    if isinstance(solid, MeshFile | SuperelementFile) or component.mesh.cells == "hex":
+        return MeshEstimate(
+            _count_hex_cells(component, supports, loads) if component.mesh.cells == "hex" else estimate_cells(component)
+        )
+    groups = patch_groups(component, supports, loads)
+    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
+    if survey and (imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None):
+        data = run_shape_job(component, groups, task="estimate", time_limit=DESCRIBE_TIME_LIMIT)
+        return MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
+    volume = None if isinstance(solid, StepFile) else solid_volume(solid)
+    return MeshEstimate(estimate_cells(component), volume=volume)
+
+
+def _count_hex_cells(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> int:
+    """Number of hexes with grid lines along all patches; without them where the grid cannot follow, which meshing will say."""
+    if not isinstance(component.solid, Box):
+        return estimate_cells(component)
+    patches = [patch for found in patch_groups(component, supports, loads).values() for patch in found]
+    try:
+        return count_grid_cells(grid_lines(component.solid, patches, element_size(component), component.mesh.across_patches))
+    except MeshError:
+        return estimate_cells(component)
+
+
 def estimate_cells(component: Component) -> int:
     """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines), before meshing.
 
@@ -170,7 +224,7 @@ def run_shape_job(
     component: Component,
     groups: Groups,
     *,
-    task: Literal["shape", "describe"] = "shape",
+    task: Literal["shape", "describe", "estimate"] = "shape",
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
@@ -192,6 +246,7 @@ def run_shape_job(
         growth=component.mesh.growth,
         rims=tuple(name for name in groups if name in component.interfaces and component.interfaces[name].coupling == "rigid"),
         rim_size=None if component.mesh.rim_size is None else round_length(component.mesh.rim_size / scale),
+        smallest=None if component.mesh.smallest is None else round_length(component.mesh.smallest / scale),
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )

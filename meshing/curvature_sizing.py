@@ -72,7 +72,7 @@ def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequenc
 
 
 def size_curved_faces(
-    curved: CurvedFaces, *, volume: float, thickness: float, size: float, order: int, refinement: float
+    curved: CurvedFaces, *, volume: float, thickness: float, size: float, order: int, refinement: float, smallest: float = 0.0
 ) -> SizePlan:
     """Element sizes on curved faces: as coarse as volume and patch areas allow.
 
@@ -83,13 +83,15 @@ def size_curved_faces(
         size: Element size elsewhere.
         order: 1 or 2.
         refinement: How many times finer than that the curved faces are to be meshed.
+        smallest: What curvature alone does not go below.
     """
     factor, power = LOSS[order]
-    floor = size * COARSEST_SHARE
+    floor, finest = size * COARSEST_SHARE, 2 * np.pi / TURNS[order]
     for _ in range(FLOOR_STEPS):
-        angles = np.minimum(np.maximum(floor / curved.radii, 2 * np.pi / TURNS[order]), LARGEST_TURN)
-        lost = float(np.sum(curved.areas * curved.radii / 2 * factor * angles**power))
-        if lost <= LOST_SHARE[order] * volume:
+        angles = np.minimum(np.maximum(floor / curved.radii, finest), LARGEST_TURN)
+        # what even the finest angle loses on wide faces, no smaller size on narrow ones brings back
+        lost = float(np.sum(curved.areas * curved.radii / 2 * factor * (angles**power - finest**power)))
+        if lost <= LOST_SHARE[order] * volume or floor * FLOOR_STEP < smallest:
             break
         floor *= FLOOR_STEP
     sizes = np.clip(2 * np.pi * curved.radii / TURNS[order], floor, size)

@@ -9,7 +9,7 @@ from headstock.geometry.components import Component, Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.solids import HollowColumn, MeshFile, StepFile, Tube
-from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
+from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
 from headstock.meshing.curved_elements import elevate_tets, is_straight, repair_tets
 from headstock.meshing.element_quality import facet_moments, mesh_volume, scaled_jacobians
 from headstock.meshing.element_topology import cell_family, corner_count
@@ -48,7 +48,7 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         raise MeshError(
             f"{what}: the mesh falls into {parts} parts that share no node; make one component of each, or merge coincident nodes"
         )
-    quality = _check_quality(points, cells, kind, what=what, straight=straight)
+    jacobians = _check_quality(points, cells, kind, what=what, straight=straight)
     surface = extract_surface(cells, kind)
     if isinstance(component.solid, MeshFile):
         data = _resolve_file_patches(data, surface, component, groups)
@@ -62,9 +62,34 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         cad_volume = properties.volume
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)
-    checked = MeshQuality(quality, repaired, volume, cad_volume, areas)
-    gaps = _find_gaps(points, surface, data, component, checked)
-    return ComponentMesh(points, cells, kind, straight, patches, checked, gaps)
+    worst = int(np.argmin(jacobians))
+    quality = MeshQuality(
+        float(jacobians[worst]),
+        repaired,
+        volume,
+        cad_volume,
+        areas,
+        poor_share=_poor_share(points, cells, kind, jacobians),
+        worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
+        worst_face=_face_at(data, cells[worst]),
+        remarks=tuple(data.remarks),
+    )
+    gaps = _find_gaps(points, surface, data, component, quality)
+    return ComponentMesh(points, cells, kind, straight, patches, quality, gaps)
+
+
+def _poor_share(points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray) -> float:
+    """Share of a mesh's volume in poor elements."""
+    poor = cells[jacobians < POOR_QUALITY]
+    return mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
+
+
+def _face_at(data: MeshData, cell: IntArray) -> str:
+    """``face:N`` on which most nodes of a cell lie, where faces have numbers."""
+    found = cell[cell < len(data.owners)]
+    owners = data.owners[found]
+    owners = owners[owners > 0]
+    return f"face:{np.bincount(owners).argmax()}" if len(owners) else ""
 
 
 def patch_moments(points: FloatArray, patches: Mapping[str, IntArray]) -> tuple[dict[str, float], dict[str, FloatArray]]:
@@ -95,14 +120,14 @@ def _shape_elements(data: MeshData, component: Component) -> tuple[FloatArray, I
     return data.points, data.cells, kind, 0
 
 
-def _check_quality(points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool) -> float:
-    """Smallest scaled Jacobian of the mesh."""
+def _check_quality(points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool) -> FloatArray:
+    """Scaled Jacobian ``(n_cells,)`` of every element."""
     affine = straight and cell_family(kind) == "tet"
     shape: CellKind = "tet4" if affine else kind
     quality = scaled_jacobians(points, cells[:, :4] if affine else cells, shape)
     bad = np.flatnonzero(~(quality >= QUALITY_FLOOR))
     if not len(bad):
-        return float(quality.min())
+        return quality
     order = bad[np.argsort(quality[bad], kind="stable")]
     inverted = int((~(quality > 0.0)).sum())
     centers = points[cells[order[:NAMED_ELEMENTS], : corner_count(kind)]].mean(axis=1)

@@ -21,7 +21,8 @@ class MeshJob:
     """What the child process is to do; lengths in the job's own unit.
 
     Attributes:
-        task: ``shape`` (mesh a CAD shape), ``describe`` (only its properties), ``faces`` (list and triangulate its faces) or
+        task: ``shape`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
+            count cells), ``faces`` (list and triangulate its faces) or
             ``file`` (read a finished mesh).
         solid: Class name and fields of the solid.
         groups: Patches of each patch group.
@@ -31,12 +32,13 @@ class MeshJob:
         growth: Element size per distance from the rim of an imprint, on top of the size there; None for gmsh's own grading.
         rims: Groups around which stresses are singular.
         rim_size: Element size at their rims.
+        smallest: What curvature and short edges do not go below; None for the default share of the element size.
         refinement: How many times finer than usual imprints and curved faces are meshed.
         order: 1 or 2.
         straight: Leave second-order edges straight: the parent elevates the mesh.
     """
 
-    task: Literal["shape", "describe", "faces", "file"]
+    task: Literal["shape", "describe", "estimate", "faces", "file"]
     solid: dict[str, Any]
     groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     unit: float = 1.0
@@ -46,6 +48,7 @@ class MeshJob:
     growth: float | None = None
     rims: tuple[str, ...] = ()
     rim_size: float | None = None
+    smallest: float | None = None
     order: int = 2
     straight: bool = False
 
@@ -63,6 +66,9 @@ class MeshData:
         properties: Of the CAD shape with its patch groups, or None for a mesh file.
         size: Element size that was used.
         estimate: Number of cells that were expected.
+        nodes: Number of nodes that were expected, 0 where only cells were.
+        owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0 inside, empty where not known.
+        remarks: What the user should know of how the shape was meshed.
         faces: Fields of the ``CadFace`` of each face, lengths in the job's own unit.
         curved: Facets on curved faces; None where none was looked for.
     """
@@ -75,6 +81,9 @@ class MeshData:
     properties: SolidProperties | None = None
     size: float = 0.0
     estimate: int = 0
+    nodes: int = 0
+    remarks: list[str] = field(default_factory=list)
+    owners: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     faces: list[dict[str, Any]] = field(default_factory=list)
     curved: CurvedFacets | None = None
 
@@ -105,11 +114,11 @@ def parse_job(text: str) -> MeshJob:
 
 def write_data(file: BinaryIO, data: MeshData) -> None:
     """Write a result as npz without pickle."""
-    arrays: dict[str, NDArray[Any]] = {"points": data.points, "cells": data.cells}
+    arrays: dict[str, NDArray[Any]] = {"points": data.points, "cells": data.cells, "owners": data.owners}
     arrays |= {f"facets_{i}": array for i, array in enumerate(data.facets.values())}
     arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
     meta: dict[str, Any] = {"kind": data.kind, "facets": list(data.facets), "node_sets": list(data.node_sets), "size": data.size}
-    meta |= {"estimate": data.estimate, "faces": data.faces}
+    meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks, "faces": data.faces}
     if data.curved is not None:
         arrays |= {"curved_nodes": data.curved.nodes, "curved_nearest": data.curved.nearest, "curved_shares": data.curved.shares}
     if data.properties is not None:
@@ -126,13 +135,16 @@ def read_data(file: BinaryIO) -> MeshData:
             store["points"],
             store["cells"],
             meta["kind"],
-            {name: store[f"facets_{i}"] for i, name in enumerate(meta["facets"])},
-            {name: store[f"nodes_{i}"] for i, name in enumerate(meta["node_sets"])},
-            _read_properties(meta["properties"]) if "properties" in meta else None,
-            meta["size"],
-            meta["estimate"],
-            meta["faces"],
-            CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
+            facets={name: store[f"facets_{i}"] for i, name in enumerate(meta["facets"])},
+            node_sets={name: store[f"nodes_{i}"] for i, name in enumerate(meta["node_sets"])},
+            properties=_read_properties(meta["properties"]) if "properties" in meta else None,
+            size=meta["size"],
+            estimate=meta["estimate"],
+            nodes=meta["nodes"],
+            remarks=meta["remarks"],
+            owners=store["owners"],
+            faces=meta["faces"],
+            curved=CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
             if "curved_nodes" in store
             else None,
         )

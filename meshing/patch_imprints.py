@@ -152,7 +152,7 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
     axis, sign = FACE_DIRECTIONS[name]
     end = shape.high[axis] if sign > 0.0 else shape.low[axis]
     places: dict[int, float] = {}
-    for tag in shape.faces:
+    for tag in set(shape.faces) & {face for _, face in gmsh.model.getEntities(2)}:  # narrow ones may be left out
         normal = plane_normal(tag)
         if normal is not None and abs(normal[axis]) > 1.0 - NORMAL_TOLERANCE:
             places[tag] = float(gmsh.model.occ.getCenterOfMass(2, tag)[axis])

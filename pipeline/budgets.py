@@ -1,5 +1,6 @@
 """Degrees of freedom, memory and time before anything is computed."""
 
+import math
 import os
 from collections.abc import Sequence
 
@@ -16,12 +17,27 @@ REFERENCE_MB = 1100.0
 MEMORY_EXPONENT = 1.2
 BASE_MB = 130.0
 COPIES_OF_BASIS = 2
-# Measured on steel columns of 100k and 300k dofs (docs/performance.md): 5.8 and 28 s with 32 reduced dofs, 1.6 times that with 72.
-REFERENCE_SECONDS = 5.8
-SECONDS_EXPONENT = 1.5
-REFERENCE_VECTORS = 32
-SECONDS_PER_VECTOR = 0.016
-MESHING_SECONDS_PER_DOF = 3e-5
+# CPU seconds of assembly, factorisation and errors at 100k dofs, and per dof and reduced dof, on one core of a virtual AMD EPYC: the
+# shipped scenes (11k to 223k dofs, 14 to 236 reduced ones, tets and hexes) took 0.7 to 1.4 times as long (benchmarks/plan.py)
+REFERENCE_SECONDS = 4.2
+SECONDS_EXPONENT = 1.4
+SECONDS_PER_ENTRY = 6e-7
+MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
+MESHING_START = {"tet": 0.3, "hex": 0.03}
+STAGE_SECONDS = {
+    "couple": 0.005,
+    "place": 0.005,
+    "static": 0.005,
+    "recover": 0.5,
+    "modal": 0.05,
+    "spread": 0.2,
+    "frf": 0.08,
+    "control": 0.06,
+}
+STEPS_PER_SECOND = 3e4  # of a contour
+POSES_PER_SECOND = 7e3  # of a map
+MOST_GUESSED_MODES = 300
+STATION_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run itself stops at the limit
 TIME_MARGIN = 2.0
 
@@ -48,16 +64,43 @@ def reduction_memory_mb(dofs: int, component: Component) -> float:
     return BASE_MB + factor + COPIES_OF_BASIS * 8e-6 * dofs * vectors
 
 
-def mesh_seconds(dofs: int) -> float:
+def mesh_seconds(dofs: int, settings: MeshSettings) -> float:
     """Processor time of meshing [s]."""
-    return 0.3 + MESHING_SECONDS_PER_DOF * dofs
+    return MESHING_START[settings.cells] + MESHING_SECONDS_PER_DOF[settings.cells] * dofs
 
 
-def reduction_seconds(dofs: int, component: Component) -> float:
-    """Processor time of assembly, factorisation and reduction [s]."""
-    vectors = _vector_count(component)
-    share = max(0.5, 1.0 + SECONDS_PER_VECTOR * (vectors - REFERENCE_VECTORS))
-    return REFERENCE_SECONDS * share * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT)
+def reduction_seconds(dofs: int, component: Component, volume: float | None = None) -> float:
+    """Processor time of assembly, factorisation and reduction [s].
+
+    Args:
+        dofs: Displacement dofs of the mesh.
+        component: With the modes to keep.
+        volume: Of the component [m^3], to guess how many modes lie below a frequency.
+    """
+    reduced = _boundary_dofs(component) + _guess_modes(component, volume)
+    return REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT) + SECONDS_PER_ENTRY * dofs * reduced
+
+
+def _boundary_dofs(component: Component) -> int:
+    rails = [interface.rail for interface in component.interfaces.values() if interface.rail is not None]
+    return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(rail.stations for rail in rails)
+
+
+def _guess_modes(component: Component, volume: float | None) -> int:
+    """Fixed-interface modes to expect.
+
+    Source: Weyl's law for elastic bodies, Dupuis, Mazo and Onsager (1960): ``4 pi / 3 V f^3 (1 / c_l^3 + 2 / c_t^3)``.
+    """
+    settings, material = component.reduction, component.material
+    if settings.modes_to_hz is None:
+        return settings.modes or 0
+    if volume is None or not material.density > 0.0:
+        return 0
+    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
+    transverse = math.sqrt(shear / material.density)
+    # bodies longer than thick have more low modes than their volume says: as many again, and a few
+    bulk = 4.0 * math.pi / 3.0 * volume * settings.modes_to_hz**3 * 2.2 / transverse**3
+    return int(min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes))
 
 
 def check_cells(component: Component, cells: int, limit: int | None) -> None:

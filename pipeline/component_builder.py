@@ -149,7 +149,16 @@ def build_component(
 
 
 def _build_mesh_settings(table: MeshTable) -> MeshSettings:
-    return MeshSettings(table.size, table.order, table.cells, table.force, table.across_patches, table.growth, table.rim_size)
+    return MeshSettings(
+        table.size,
+        table.order,
+        table.cells,
+        table.force,
+        table.across_patches,
+        growth=table.growth,
+        rim_size=table.rim_size,
+        smallest=table.smallest,
+    )
 
 
 def _three(values: list[float]) -> tuple[float, float, float]:

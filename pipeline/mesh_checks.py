@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from headstock.geometry.solids import MeshFile, Solid
+from headstock.geometry.solids import Box, MeshFile, Solid
 from headstock.pipeline.schema_components import ComponentTable
 from headstock.pipeline.toml_positions import KeyPath
 
 # what only our own mesher can follow; the order of a mesh file's elements is raised and its refusals are overruled
-OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size")
+OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest")
 
 
 def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
@@ -28,6 +28,10 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
         yield ("mesh", "rim_size"), "says nothing without a growth from there; write growth = 0.3 beside it"
     if mesh.rim_size is not None and mesh.size is not None and mesh.rim_size >= mesh.size:
         yield ("mesh", "rim_size"), "is not smaller than size; write a smaller one, or remove rim_size and growth"
+    if mesh.smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
+        yield ("mesh", "smallest"), "a box has no curved faces and no short edges; remove smallest"
+    if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
+        yield ("mesh", "smallest"), "is larger than size; write a smaller one, or remove it"
     yield from _find_rimless(table)
 
 

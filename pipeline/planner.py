@@ -15,7 +15,7 @@ import numpy as np
 from headstock.geometry.components import Component, Fidelity, ReductionSettings
 from headstock.geometry.machines import Pose
 from headstock.geometry.solids import MeshFile, SuperelementFile
-from headstock.meshing.component_meshing import estimate_cells
+from headstock.meshing.component_meshing import estimate_mesh
 from headstock.pipeline.analysis_requests import (
     Analyses,
     ContouringRequest,
@@ -26,6 +26,9 @@ from headstock.pipeline.analysis_requests import (
     PathRequest,
 )
 from headstock.pipeline.budgets import (
+    POSES_PER_SECOND,
+    STAGE_SECONDS,
+    STEPS_PER_SECOND,
     check_cells,
     check_memory,
     check_time,
@@ -36,7 +39,7 @@ from headstock.pipeline.budgets import (
     reduction_seconds,
 )
 from headstock.pipeline.coupling_choices import has_choice
-from headstock.pipeline.scene import Limits, Scene
+from headstock.pipeline.scene import Scene
 from headstock.pipeline.stages import Plan, Stage
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
@@ -57,8 +60,13 @@ def default_mode_count(wanted: int) -> int:
     return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
 
 
-def plan_scene(scene: Scene) -> Plan:
+def plan_scene(scene: Scene, *, survey: bool = False) -> Plan:
     """The stages a scene calls for, in the order in which they run.
+
+    Args:
+        scene: What to plan.
+        survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a second or a few each; otherwise
+            they are counted by rules of thumb.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
@@ -69,15 +77,20 @@ def plan_scene(scene: Scene) -> Plan:
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, scene.analyses)
         components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
-        stages += _component_stages(components[name], reason, scene.limits)
+        stages += _component_stages(components[name], reason, scene, survey=survey)
     poses = choose_poses(scene)
     for pose in poses.values():
-        stages += _pose_stages(pose, scene)
+        stages += [
+            dataclasses.replace(stage, estimated_seconds=STAGE_SECONDS.get(stage.kind)) for stage in _pose_stages(pose, scene)
+        ]
     stages += _spread_stages(components, scene.analyses.modal)
     if scene.analyses.map is not None:
-        stages.append(Stage("map", None, _describe_map(scene.analyses.map)))
+        count = math.prod(len(values) for _, values in scene.analyses.map.axes)
+        stages.append(Stage("map", None, _describe_map(scene.analyses.map), estimated_seconds=count / POSES_PER_SECOND))
     if scene.analyses.contouring is not None:
-        stages.append(Stage("contour", None, _describe_contour(scene.analyses.contouring)))
+        steps = contour_steps(scene.analyses.contouring)
+        what = _describe_contour(scene.analyses.contouring)
+        stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
         stages.append(Stage("path", None, _describe_path(scene.analyses.path)))
     stages.append(Stage("write", None, "results.h5 and summary.json"))
@@ -180,7 +193,8 @@ def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
 
 
-def _component_stages(component: Component, reason: str, limits: Limits) -> Sequence[Stage]:
+def _component_stages(component: Component, reason: str, scene: Scene, *, survey: bool) -> Sequence[Stage]:
+    limits = scene.limits
     name, solid = component.name, component.solid
     if isinstance(solid, SuperelementFile):
         return (Stage("load", name, f"its matrices are imported from {solid.path.name}"),)
@@ -189,11 +203,12 @@ def _component_stages(component: Component, reason: str, limits: Limits) -> Sequ
     if component.fidelity == "elastic":
         if isinstance(solid, MeshFile):
             return (Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"), Stage("reduce", name, reason))
-        cells = estimate_cells(component)
-        check_cells(component, cells, limits.elements)
-        dofs = displacement_dofs(cells, component.mesh)
-        meshing = Stage("mesh", name, "elastic", None, dofs, mesh_memory_mb(dofs), mesh_seconds(dofs))
-        memory, seconds = reduction_memory_mb(dofs, component), reduction_seconds(dofs, component)
+        supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
+        estimate = estimate_mesh(component, supports, loads, survey=survey)
+        check_cells(component, estimate.cells, limits.elements)
+        dofs = 3 * estimate.nodes if estimate.nodes else displacement_dofs(estimate.cells, component.mesh)
+        meshing = Stage("mesh", name, "elastic", None, dofs, mesh_memory_mb(dofs), mesh_seconds(dofs, component.mesh))
+        memory, seconds = reduction_memory_mb(dofs, component), reduction_seconds(dofs, component, estimate.volume)
         return (meshing, Stage("reduce", name, reason, None, dofs, memory, seconds))
     if component.fidelity == "segmented":
         count = component.segments.count
@@ -232,6 +247,12 @@ def _describe_contour(request: ContouringRequest) -> str:
     elif request.regeneration:
         source += ", chips as thick as the last teeth left them"
     return f"tool gap around a block of {1e3 * request.contour.side:g} mm, {request.model}, {source}"
+
+
+def contour_steps(request: ContouringRequest) -> float:
+    """Time steps of a contour, roughly."""
+    seconds = 4.0 * request.contour.side / request.contour.feed
+    return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn
 
 
 def _describe_map(request: MapRequest) -> str:

@@ -263,6 +263,7 @@ class MeshTable(StrictTable):
     across_patches: Annotated[Count, Field(le=100)] = 4
     growth: Annotated[Number, Field(ge=0.05, le=2.0), JsonForm({"type": "number", "minimum": 0.05, "maximum": 2.0})] | None = None
     rim_size: PositiveLength | None = None
+    smallest: PositiveLength | None = None
     force: Flag = False
 
 

@@ -62,13 +62,11 @@ def test_a_step_of_1e_5_of_the_size_is_refused_by_the_face_it_leaves(write_step:
     assert time.perf_counter() - start < REFUSED_WITHIN
 
 
-def test_a_hole_of_1e_5_of_the_size_is_refused_and_does_not_hang_the_mesher(write_step: Write) -> None:
+def test_a_hole_of_1e_5_of_the_size_is_left_out_of_the_mesh_and_named(write_step: Write) -> None:
     gmsh.model.occ.cut([block()], [(3, gmsh.model.occ.addCylinder(50, 30, -1, 0, 0, 42, 0.001))])
-    path = write_step("pinhole")
-    start = time.perf_counter()
-    with pytest.raises(MeshError, match="too narrow for elements"):
-        mesh_component(part(path))
-    assert time.perf_counter() - start < REFUSED_WITHIN
+    mesh = mesh_component(part(write_step("pinhole")))
+    assert "1 of 7 faces (face:" in mesh.quality.remarks[0]
+    assert mesh.quality.minimum_scaled_jacobian > 0.1
 
 
 @pytest.mark.parametrize("depth", [0.5, 2.0])

@@ -12,10 +12,17 @@ from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.mass_properties import closed_form_properties
 from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.component_meshing import describe_component, estimate_cells, mesh_component, run_shape_job
+from headstock.meshing.component_meshing import (
+    describe_component,
+    estimate_cells,
+    estimate_mesh,
+    mesh_component,
+    run_shape_job,
+)
 from headstock.meshing.element_quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_checks import patch_moments
+from headstock.pipeline.budgets import displacement_dofs
 
 Make = Callable[..., Component]
 ENDS = {"foot": Patch("z-"), "tip": Patch("z+")}
@@ -129,6 +136,24 @@ def test_a_coarser_size_of_a_thin_tube_does_not_give_more_dofs(make_component: M
     # sizes on round faces are rounded down to quarters of an octave: the same face may differ by 2^(1/4) in size, squared in number
     assert all(coarse <= 1.5 * fine for coarse, fine in itertools.pairwise(dofs)), dofs
     assert max(dofs[:-1]) <= dofs[-1], dofs
+
+
+@pytest.mark.parametrize(
+    ("solid", "patches", "cells"),
+    [
+        (Tube(0.2, 0.18, 0.6), ENDS, "tet"),
+        (COLUMN, {**ENDS, "disk": DISK, "rect": RECT}, "tet"),
+        (COLUMN, {**ENDS, "rect": RECT, "strip": STRIP}, "hex"),
+        (RIBBED, {**ENDS, "side": Patch("y+", "disk", (0.0, 0.0, 0.2), (0.02,))}, "tet"),
+    ],
+)
+def test_a_survey_foresees_dofs_within_a_factor_of_two(
+    make_component: Make, solid: Solid, patches: dict[str, Patch], cells: str
+) -> None:
+    component = make_component(solid, patches, size=0.03, cells=cells)
+    estimate, mesh = estimate_mesh(component, survey=True), mesh_component(component)
+    dofs = 3 * estimate.nodes or displacement_dofs(estimate.cells, component.mesh)
+    assert 0.5 < dofs / (3 * len(mesh.points)) < 2.0
 
 
 def test_column_with_core_holes_loses_their_area(make_component: Make) -> None:

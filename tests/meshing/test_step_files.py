@@ -9,7 +9,7 @@ import pytest
 from headstock.geometry.components import Component, Patch
 from headstock.geometry.solids import StepFile
 from headstock.meshing.cad_survey import doubt_size, read_length_unit, survey_step
-from headstock.meshing.component_meshing import describe_component, estimate_cells, mesh_component
+from headstock.meshing.component_meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
 from headstock.meshing.element_quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_checks import patch_moments
@@ -266,3 +266,57 @@ def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_
     assert "inch" in doubt
     assert "0.2 m if the numbers are in mm" in doubt
     assert doubt_size(path, 0.5) is None
+
+
+@pytest.fixture
+def stepped(tmp_path: Path, kernel: None) -> Path:
+    """A block of 60 x 40 x 20 on whose top a tool has left a step of 54 µm: five faces, four of them as narrow."""
+    occ = gmsh.model.occ
+    occ.cut([(3, occ.addBox(0, 0, 0, 60, 40, 20))], [(3, occ.addBox(20, 10, 19.946, 15, 10, 1))])
+    occ.synchronize()
+    gmsh.write(str(tmp_path / "stepped.step"))
+    return tmp_path / "stepped.step"
+
+
+def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(make_component: Make, stepped: Path) -> None:
+    left_out = mesh_component(make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03))
+    (remark,) = left_out.quality.remarks
+    assert "5 of 11 faces (face:" in remark and "left out" in remark and "mesh.smallest" in remark
+    assert left_out.quality.volume == pytest.approx(60 * 40 * 20e-9, rel=1e-9)
+    assert left_out.quality.minimum_scaled_jacobian > 0.1
+    kept = mesh_component(make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03, smallest=1e-3))
+    assert not any("left out" in remark for remark in kept.quality.remarks)
+    assert kept.quality.volume == pytest.approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
+
+
+def test_a_narrow_feature_that_an_interface_names_stays(make_component: Make, stepped: Path) -> None:
+    floor = next(face for face in survey_step(StepFile(stepped)).faces if face.area == pytest.approx(15 * 10e-6, rel=1e-6))
+    mesh = mesh_component(make_component(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03))
+    assert mesh.quality.cad_areas["floor"] == pytest.approx(15 * 10e-6, rel=1e-9)
+
+
+@pytest.fixture
+def perforated(tmp_path: Path, kernel: None) -> Path:
+    """A plate of 300 x 200 x 10 with 96 holes of 4."""
+    occ = gmsh.model.occ
+    corners = [occ.addPoint(x, y, 0) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
+    outline = occ.addCurveLoop([occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)])
+    holes = [occ.addCurveLoop([occ.addCircle(20 + 23.6 * i, 18 + 23.4 * j, 0, 2)]) for i in range(12) for j in range(8)]
+    occ.extrude([(2, occ.addPlaneSurface([outline, *holes]))], 0, 0, 10)
+    occ.synchronize()
+    gmsh.write(str(tmp_path / "perforated.step"))
+    return tmp_path / "perforated.step"
+
+
+def test_the_dofs_of_a_plate_with_many_small_holes_are_foreseen_within_a_factor_of_two(
+    make_component: Make, perforated: Path
+) -> None:
+    component = make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.02)
+    mesh, estimate = mesh_component(component), estimate_mesh(component, survey=True)
+    assert 0.5 < estimate.nodes / len(mesh.points) < 2.0
+    assert 0.5 < estimate.cells / len(mesh.cells) < 2.0
+
+
+def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(make_component: Make, perforated: Path) -> None:
+    with pytest.raises(MeshError, match=r"mesh\.smallest"):
+        mesh_component(make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.0004))
