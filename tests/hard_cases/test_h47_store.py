@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+import h5py
 import pytest
 
 from headstock.geometry.components import Component
@@ -36,11 +37,10 @@ def test_an_entry_of_another_kind_with_a_right_digest_is_computed_anew(tmp_path:
     store = Store(tmp_path)
     write_entry(store, KEY, box_superelement())
     path = entry_path(store, "superelement", KEY)
-    content = bytearray(path.read_bytes())
-    place = content.index(b"stiffness")
-    content[place : place + 9] = b"stiffmess"
-    content[:USER_BLOCK] = seal_entry("superelement", KEY, bytes(content[USER_BLOCK:]))
-    path.write_bytes(content)
+    with h5py.File(path, "r+") as file:
+        file.move("stiffness", "stiffmess")
+    content = path.read_bytes()[USER_BLOCK:]
+    path.write_bytes(seal_entry("superelement", KEY, content) + content)
     read = read_entry(store, KEY, Superelement)
     assert read.value is None
     assert read.warning is not None and "computed anew" in read.warning
