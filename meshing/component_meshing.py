@@ -153,13 +153,14 @@ def estimate_mesh(
 
 def _count_hex_cells(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> int:
     """Number of hexes with grid lines along all patches; without them where the grid cannot follow, which meshing will say."""
-    if not isinstance(component.solid, Box):
-        return estimate_cells(component)
+    roughly = estimate_cells(component)
+    if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
+        return roughly  # lines of a grid that is refused anyway could fill the memory
     patches = [patch for found in patch_groups(component, supports, loads).values() for patch in found]
     try:
         return count_grid_cells(grid_lines(component.solid, patches, element_size(component), component.mesh.across_patches))
     except MeshError:
-        return estimate_cells(component)
+        return roughly
 
 
 def estimate_cells(component: Component) -> int:

@@ -1,5 +1,6 @@
 """Structured hexahedral meshes of boxes, with grid lines along rectangular imprints."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
@@ -58,7 +59,7 @@ def grid_lines(box: Box, patches: Iterable[Patch], size: float, across: int = 4)
 
 def count_grid_cells(lines: Sequence[FloatArray]) -> int:
     """Number of hexes a grid makes."""
-    return int(np.prod([len(axis) - 1 for axis in lines]))
+    return math.prod(len(axis) - 1 for axis in lines)
 
 
 def _corners(box: Box) -> tuple[FloatArray, FloatArray]:

@@ -86,19 +86,27 @@ def add_figure_errors(
         shares = {REDUCTION: max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0])) + abs(depths[2] - depths[1])}
         if estimate.errors.mesh is not None:
             softer = _softer_depth(response, estimate, (row, column), own.worst_real_hz)
+            # nothing is known of the mesh near the deepest line: then nothing is known of the depth
+            if softer is None:
+                found.append(own)
+                continue
             shares = {DISCRETISATION: abs(softer - depths[0])} | shares
         found.append(dataclasses.replace(own, worst_real_error=sum(shares.values()), worst_real_error_share=shares))
     return tuple(found)
 
 
-def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, entry: tuple[int, int], hz: float) -> float:
-    """Most negative real part with finer meshes; lines are dense where peaks are, so those around the deepest move along with it."""
+def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, entry: tuple[int, int], hz: float) -> float | None:
+    """Most negative real part with finer meshes; lines are dense where peaks are, so those around the deepest move along with it.
+
+    None where nothing is known of any line.
+    """
     row, column = entry
     lines, mesh = response.frequencies_hz, estimate.errors.mesh
     softer = response.receptance[:, row, column] + (0.0 if mesh is None else mesh[:, row, column])
     near = lines[np.abs(lines - hz) < NEIGHBOURHOOD * hz]
     moved = soften_response(estimate.space, near * estimate.space.softening(hz))[:, row, column]
-    return min(_deepest(softer[np.isfinite(softer)]), _deepest(moved))
+    known = np.concatenate([softer[np.isfinite(softer)], moved[np.isfinite(moved)]])
+    return _deepest(known) if np.isfinite(softer).any() else None
 
 
 def _deepest(values: ComplexArray) -> float:

@@ -30,11 +30,15 @@ class RecordError(HeadstockError):
     """A file does not hold the record it should; says which field and what was found."""
 
 
-def require_plain(file: h5py.File) -> None:
+def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
     """Refuse a file of which anything is not in the file itself or of a kind that records do not hold, before a value is read.
 
     External storage, virtual data sets and links to other files would show what is in other files; soft links and filters
     from plug-ins have no place in a record either. Nothing but heads of objects is looked at.
+
+    Args:
+        file: As it was opened.
+        attribute_axes: Axes that an attribute may have: none in a record, two in results.
 
     Raises:
         RecordError: Names the first such thing.
@@ -43,7 +47,7 @@ def require_plain(file: h5py.File) -> None:
     waiting: list[h5py.Group] = [file]
     while waiting:
         group = waiting.pop()
-        _require_plain_attributes(group)
+        _require_plain_attributes(group, attribute_axes)
         for name in group:
             where = printable(f"{group.name.rstrip('/')}/{name}")
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
@@ -56,7 +60,7 @@ def require_plain(file: h5py.File) -> None:
             if isinstance(item, h5py.Group):
                 waiting.append(item)
             elif isinstance(item, h5py.Dataset):
-                _require_plain_attributes(item)
+                _require_plain_attributes(item, attribute_axes)
                 _require_plain_dataset(item, where)
             else:
                 raise RecordError(f"{where} is neither a group nor a data set")
@@ -73,11 +77,11 @@ def _require_plain_dataset(item: h5py.Dataset, where: str) -> None:
         raise RecordError(f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known")
 
 
-def _require_plain_attributes(item: h5py.Group | h5py.Dataset) -> None:
+def _require_plain_attributes(item: h5py.Group | h5py.Dataset, most_axes: int) -> None:
     for name in item.attrs:
         attribute = item.attrs.get_id(name)
         text = attribute.get_type().get_class() == h5py.h5t.STRING
-        if attribute.shape != () or not (text or attribute.dtype.kind in "iufb"):
+        if attribute.shape is None or len(attribute.shape) > most_axes or not (text or attribute.dtype.kind in "iufb"):
             raise RecordError(f"attribute {printable(f'{item.name}.{name}')} must be one number or word")
 
 

@@ -209,7 +209,7 @@ def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
         if stated != _digest_of(path):
             raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
         with h5py.File(path, "r") as file:
-            require_plain(file)
+            require_plain(file, attribute_axes=2)
             if file.attrs.get("format") != FORMAT or "view" not in file:
                 raise OutputError(f"{path} holds no pictures; {remedy}")
             return read(file)

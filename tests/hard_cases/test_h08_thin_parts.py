@@ -81,9 +81,10 @@ def test_compact_first_order_elements_nobody_asked_for_are_spoken_of(make_box, m
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex27"])
-def test_second_order_elements_need_no_warning(make_box, make_component, kind):
+def test_second_order_elements_need_no_warning_of_locking(make_box, make_component, kind):
     mesh = make_box((4, 1, 1), (0.4, 0.1, 0.1), {"tip": "x+"}, kind=kind)
-    assert reduce_elastic(make_component({"tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest()).warnings == ()
+    found = reduce_elastic(make_component({"tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest()).warnings
+    assert [warning for warning in found if "lock" in warning or "order" in warning] == []
 
 
 @pytest.mark.parametrize("thickness", [0.1, 0.02, 1e-3], ids=["1:10", "1:50", "1:1000"])

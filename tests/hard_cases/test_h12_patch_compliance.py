@@ -65,7 +65,7 @@ def test_a_whole_face_that_is_one_facet_is_an_area(make_box):
     mesh = make_box((1, 1, 2), SIZE, {"pad": "z+", "support:clamp": "z-"})
     component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (Patch("z+"),))})
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
-    assert element.warnings == ()
+    assert [warning for warning in element.warnings if "pad" in warning or "facet" in warning] == []
 
 
 def point_compliance(make_box, counts):

@@ -77,6 +77,7 @@ def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_g
         "every deviation < 10 % from nDOF 30": True,
         "every deviation < 4 % from nDOF 90": True,
         "deviations shrink as nDOF grows": True,
+        "deviations almost constant above nDOF 60 (within 1 point)": True,
     }
 
 

@@ -77,7 +77,7 @@ def test_the_column_bends_as_beam_theory_says(column_hz: np.ndarray) -> None:
 
 
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
-    component, supports = clamped(SUPPORT, STEEL, 0.006, 4)
+    component, supports = clamped(SUPPORT, STEEL, 0.005, 4)
     mesh = mesh_component(component, supports)
     model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, held=held_by(mesh, supports))
     full = full_modes(model, 4).frequencies_hz

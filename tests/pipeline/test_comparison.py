@@ -114,8 +114,10 @@ def test_the_summary_is_strict_json_with_every_variant_in_every_row(scene: Path)
     assert all(list(row["variants"]) == ["E", "R"] for row in summary["modes"])
     variant = summary["variants"]["R"]
     assert variant["fidelity"] == {"block": "rigid", "column": "rigid"} and variant["full_dofs"] == 12
-    link = variant["static"]["tcp"]["weak_link"]["x"]
-    assert link["name"] == "mount" and link["share"] == pytest.approx(1.0)
+    assert set(variant["static"]["tcp"]["weak_link"].values()) == {None}, (
+        "nothing but the mount gives way: there is no weakest part among one"
+    )
+    assert {"mount", "column"} >= {summary["variants"]["E"]["static"]["tcp"]["weak_link"]["x"]["name"]}
     softer = summary["variants"]["E"]["static"]["tcp"]["compliance_um_per_kN"][0][0]
     assert softer > variant["static"]["tcp"]["compliance_um_per_kN"][0][0]
 
@@ -141,7 +143,8 @@ def test_modes_beyond_the_limit_are_shown_only_as_partners(scene: Path) -> None:
 def test_a_mechanism_is_told_and_its_modes_are_compared_all_the_same(scene: Path) -> None:
     scene.write_text(SCENE.replace('horizontal = "60 N/um"', 'horizontal = "0 N/um"'))
     solution = solve(scene, "R")
-    assert solution.points == {} and "static analysis" in solution.failures[0]
+    compliance = solution.points["tcp"].compliance
+    assert np.isnan(compliance[0, 0]) and compliance[2, 2] > 0.0, "loads along the free motions have no answer, others have theirs"
     assert compare_variants([solution], scene="column").rows
 
 
