@@ -481,19 +481,19 @@ def write_inside(host: Host, path: str, cwd: Path, *, word: str = "{}", **more: 
     ("given", "lies"),
     [
         ("{outside}/results/new/x", "{outside}/results/new/x"),
-        ("results/x", "{outside}/work/results/x"),
+        ("results/x", "{outside}/here/results/x"),
         ("../beside/x", "{outside}/beside/x"),
-        ("{outside}/link/x", "{outside}/work/x"),
+        ("{outside}/link/x", "{outside}/here/x"),
         ("{outside}/link/../x", "{outside}/x"),
-        ("~/x", "{outside}/work/~/x"),
+        ("~/x", "{outside}/here/~/x"),
         ("{outside}/two words/x", "{outside}/two words/x"),
     ],
 )
 def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path, given: str, lies: str) -> None:
     outside = tmp_path / "outside"
-    (outside / "work").mkdir(parents=True)
-    (outside / "link").symlink_to("work")
-    done = write_inside(entered, given.format(outside=outside), outside / "work")
+    (outside / "here").mkdir(parents=True)
+    (outside / "link").symlink_to("here")
+    done = write_inside(entered, given.format(outside=outside), outside / "here")
     assert done.returncode == 0, done.stderr
     assert Path(lies.format(outside=outside)).read_text() == "inside\n"
 
