@@ -14,6 +14,7 @@ from headstock.app.guard import DONE
 from headstock.pipeline.outputs import claim_output, make_part, write_output
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.pose_journals import read_journals
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.slurm_jobs import (
     COMPONENTS_TASK,
     FOLDER,
@@ -32,7 +33,7 @@ from headstock.pipeline.slurm_tools import SlurmError, SlurmMissingError, read_s
 from headstock.pipeline.slurm_waiting import describe_missing, is_waiting, wait_for_array
 from headstock.pipeline.sweep_runs import SweepJob, sweep_key
 
-LAUNCHER = Path(__file__).resolve().parent.parent / "headstock"
+LAUNCHER = PROJECT / "headstock"
 
 
 @dataclasses.dataclass(frozen=True)

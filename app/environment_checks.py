@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from headstock.pipeline.provenance import PROJECT
+
 Status = Literal["ok", "missing", "warning"]
 
 TIME_LIMIT_S = 120.0
@@ -135,12 +137,11 @@ def check_python() -> list[Check]:
     version = ".".join(map(str, sys.version_info[:3]))
     marker = Path("/etc/headstock-root")
     origin = f"private root {marker.read_text().strip()}" if marker.is_file() else f"this system's {sys.executable}"
-    code = Path(__file__).resolve().parent.parent
     status: Status = "ok" if sys.version_info >= (3, 13) else "missing"
     return [
         Check("python", version, status, "" if status == "ok" else "Python 3.13 or newer is needed"),
         Check("environment", origin, "ok"),
-        Check("code", str(code), "ok"),
+        Check("code", str(PROJECT), "ok"),
     ]
 
 

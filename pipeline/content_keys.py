@@ -82,11 +82,11 @@ def library_versions(names: tuple[str, ...]) -> dict[str, str]:
 
 @functools.cache
 def code_fingerprint(package: Any) -> str:
-    """SHA-256 over the source files of a sub-package: a changed algorithm never meets results of the old one."""
+    """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
     digest = hashlib.sha256()
     for folder in package.__path__:
-        for path in sorted(Path(folder).glob("*.py")):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        for path in sorted(Path(folder).rglob("*.py")):
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 

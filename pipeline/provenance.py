@@ -21,7 +21,7 @@ DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
 MAX_BYTES = 1 << 20  # of a scene
 COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
-ROOT = Path(__file__).resolve().parent.parent
+PROJECT = Path(__file__).resolve().parent.parent  # with machines/, tests/ and the launcher, in a checkout
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | No
 
 
 @functools.cache
-def find_version(root: Path = ROOT) -> ProgramVersion:
+def find_version(root: Path = PROJECT) -> ProgramVersion:
     """Version and commit of this program: of the checkout at a folder, else of the installed distribution."""
     try:
         project = tomllib.loads((root / "pyproject.toml").read_text())["project"]

@@ -13,6 +13,7 @@ from scipy.stats import spearmanr
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.error_estimates import DISCRETISATION
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import AccuracyGoal, Scene
@@ -20,14 +21,13 @@ from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store
 from headstock.validation.case_rows import Target, ValidationRow, judge, judge_bound, show
 
-ROOT = Path(__file__).resolve().parents[1]
-CANTILEVER = ROOT / "machines" / "cantilever.toml"
+CANTILEVER = PROJECT / "machines" / "cantilever.toml"
 MACHINES = {
     "cantilever": CANTILEVER,
-    "fixed beam": ROOT / "machines" / "fixed_beam.toml",
-    "three-axis machine": ROOT / "machines" / "three_axis.toml",
-    "STEP column": ROOT / "machines" / "step_column.toml",
-    "STEP bracket": ROOT / "tests" / "data" / "support.toml",
+    "fixed beam": PROJECT / "machines" / "fixed_beam.toml",
+    "three-axis machine": PROJECT / "machines" / "three_axis.toml",
+    "STEP column": PROJECT / "machines" / "step_column.toml",
+    "STEP bracket": PROJECT / "tests" / "data" / "support.toml",
 }
 COLUMN = {"size": "9 mm", "cells": "hex"}
 # meshes several times finer than those that are chosen for 1 %, and modes that leave out nothing of it

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from headstock.geometry.components import Component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machines import Machine
 from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.body_motions import split_motions
@@ -24,7 +24,7 @@ from headstock.solvers.modal_analysis import solve_modal
 from headstock.solvers.static_response import solve_static
 from headstock.validation.axis_kit_paper import LISTED_TO_HZ
 
-SCENE = Path(__file__).resolve().parents[1] / "machines" / "three_axis.toml"
+SCENE = PROJECT / "machines" / "three_axis.toml"
 KitFidelity = Literal["segmented", "elastic"]
 FLOOR_HZ = 15.0  # above the machine on its air springs
 SEARCHED_TO_HZ = 1.1 * LISTED_TO_HZ  # the paper lists 302 Hz

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.solids import HollowColumn, Plate, Solid
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.superelement import Superelement
@@ -23,7 +23,7 @@ from headstock.validation.closed_form_cases import STEEL
 from headstock.validation.guideway_models import fix_carriages, view_carriages
 from headstock.validation.monolithic_machines import MonolithicMachine, monolithic_machine
 
-MACHINES = Path(__file__).resolve().parents[1] / "machines"
+MACHINES = PROJECT / "machines"
 MOUNT = np.diag([2e8, 2e8, 4e8, 2e5, 2e5, 2e5])
 CLAMP = np.diag([5e9, 5e9, 5e9, 5e6, 5e6, 5e6])
 

@@ -1,7 +1,6 @@
 """The table on a long bed at many places of its axis: one reduction against an unreduced model of its own at every place."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
@@ -10,6 +9,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machines import Machine, Pose
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import reduce_elastic
@@ -21,7 +21,7 @@ from headstock.validation.case_rows import ValidationRow, judge_bound, show
 from headstock.validation.guideway_models import fix_carriages, solve_monolithic, view_carriages
 from headstock.validation.monolithic_machines import monolithic_machine
 
-SCENE = Path(__file__).resolve().parents[1] / "machines" / "guideway.toml"
+SCENE = PROJECT / "machines" / "guideway.toml"
 CASE = "guideway"
 REACH = 0.24
 COUNT = 10

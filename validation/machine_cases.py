@@ -1,7 +1,5 @@
 """The shipped three-axis machine against a monolithic finite element model of itself."""
 
-from pathlib import Path
-
 import numpy as np
 from mpi4py import MPI
 
@@ -10,6 +8,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machines import Machine
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import reduce_elastic
@@ -20,7 +19,7 @@ from headstock.solvers.static_response import solve_static
 from headstock.validation.case_rows import Target, ValidationRow, judge
 from headstock.validation.monolithic_machines import monolithic_compliance, monolithic_frequencies, monolithic_machine
 
-MACHINES = Path(__file__).resolve().parents[1] / "machines"
+MACHINES = PROJECT / "machines"
 FREQUENCY_COUNT = 14
 SHIFT_HZ = 20.0
 # compliance is exact in a Craig-Bampton model; frequencies carry its truncation, far above their range here

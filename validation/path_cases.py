@@ -12,6 +12,7 @@ from headstock.geometry.machine_paths import MachinePath, travel_directions
 from headstock.geometry.machines import Machine
 from headstock.meshing.component_meshing import describe_component
 from headstock.pipeline.path_results import PathResult
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene import keep_analyses
 from headstock.pipeline.scene_loader import load_scene
@@ -30,7 +31,7 @@ from headstock.solvers.varying_system import PosedModes, sample_system
 from headstock.validation.case_rows import ValidationRow, judge_bound, show
 from headstock.validation.path_roads import integrate_absolutely, place_absolutely
 
-SCENE = Path(__file__).resolve().parents[1] / "machines" / "three_axis.toml"
+SCENE = PROJECT / "machines" / "three_axis.toml"
 CASE = "path-test"
 VARIANTS = {"BE": "calibrated+BE", "BE with drives": "calibrated+BE+controlled", "YCE": "calibrated+segmented+YCE"}
 BAND = (0.1, 1.0)  # what the project asks of the deviation around the ramps [um]

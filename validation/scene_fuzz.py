@@ -12,6 +12,7 @@ from pathlib import Path
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.solids import MeshFile, StepFile
 from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.resources import peak_memory_mb
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
@@ -19,7 +20,7 @@ from headstock.validation.campaign_outcome import CampaignOutcome
 from headstock.validation.errors import CampaignError
 from headstock.validation.text_mutations import mutate_text
 
-MACHINES = Path(__file__).resolve().parents[1] / "machines"
+MACHINES = PROJECT / "machines"
 SECONDS_ALLOWED = 1.0
 MB_ALLOWED = 256.0
 CHUNK = 2000

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import h5py
 
+from headstock.pipeline.provenance import PROJECT
 from headstock.validation.campaign_outcome import CampaignOutcome
 from headstock.validation.errors import CampaignError
 from headstock.validation.slurm_daemons import require_daemons, run_slurm
 
-PROJECT = Path(__file__).resolve().parent.parent
 SCENE, SWEEP = PROJECT / "machines" / "three_axis.toml", "workspace"
 TASKS, RANKS = 3, 2
 ENDINGS = ("undisturbed", "one task put back into the queue", "one task killed", "one task cancelled")

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.tool_mechanisms import solve_pose
 from headstock.meshing.component_meshing import describe_component
 from headstock.pipeline.lumped_machine import build_compliant_mechanism
+from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.scene import SceneMechanism
 from headstock.pipeline.scene_loader import load_scene
 from headstock.reduction.rigid_reduction import reduce_rigid
@@ -19,7 +19,7 @@ from headstock.solvers.compliant_mechanism import CompliantMechanism
 from headstock.solvers.coordinate_partitioning import Drive
 from headstock.solvers.mechanism_motion import DriveLaw
 
-SCENE = Path(__file__).resolve().parents[1] / "machines" / "tripteor.toml"
+SCENE = PROJECT / "machines" / "tripteor.toml"
 GRAVITY = (0.0, 0.0, -9.80665)
 # the plane of the paper's map, 200 mm above the table [m]
 PLANE_HALF = (0.35, 0.40)

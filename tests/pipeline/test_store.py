@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, MeshFile
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline import store as store_module
-from headstock.pipeline.content_keys import mesh_key, superelement_key
+from headstock.pipeline.content_keys import code_fingerprint, mesh_key, superelement_key
 from headstock.pipeline.record_files import RecordError
 from headstock.pipeline.store import Store, default_store_root, entry_path, read_entry, write_entry
 from headstock.pipeline.superelement_files import read_superelement, write_superelement
@@ -302,3 +303,24 @@ def test_a_file_that_is_no_superelement_is_refused(tmp_path: Path, content: byte
     path.write_bytes(content)
     with pytest.raises(RecordError, match=r"column\.h5"):
         read_superelement(path)
+
+
+def test_a_change_in_a_room_below_a_package_changes_its_fingerprint(tmp_path: Path) -> None:
+    """A store key that looked at the top folder only would serve numbers of old code."""
+    (tmp_path / "room").mkdir()
+    sources = [tmp_path / "top.py", tmp_path / "room" / "deep.py"]
+    for source in sources:
+        source.write_text("FACTOR = 1\n")
+
+    def fingerprint() -> str:
+        package = ModuleType("package")  # another one each time: fingerprints are cached
+        package.__path__ = [str(tmp_path)]
+        return code_fingerprint(package)
+
+    prints = {fingerprint()}
+    for source in sources:
+        source.write_text("FACTOR = 2\n")
+        prints.add(fingerprint())
+    sources[1].rename(tmp_path / "room" / "moved.py")
+    prints.add(fingerprint())
+    assert len(prints) == 4

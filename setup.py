@@ -1,0 +1,10 @@
+"""Root folders are sub-packages of headstock; the rooms in them are found, not listed."""
+
+from setuptools import find_packages, setup
+
+LAYERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app")
+
+setup(
+    packages=[f"headstock.{name}" for layer in LAYERS for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))],
+    package_dir={f"headstock.{layer}": layer for layer in LAYERS},
+)
