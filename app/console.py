@@ -86,8 +86,8 @@ def print_plan(name: str, plan: Plan) -> None:
     _print_warnings(console, plan.warnings)
 
 
-def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
-    """Everything a run found."""
+def print_summary(summary: Json, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
+    """Everything a run found, but warnings that were said before."""
     console = make_console()
     console.print()
     print_table(console, "Components", _component_table(summary["components"]))
@@ -109,7 +109,7 @@ def print_summary(summary: Json, *, seconds: float, folder: object) -> None:
             _print_rows(console, title, headings, rows)
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
-    _print_warnings(console, summary["warnings"])
+    _print_warnings(console, [warning for warning in summary["warnings"] if warning not in said])
     for failure in summary["failures"]:
         console.print(f"failed: {failure}", style="bold red", markup=False)
     console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)

@@ -12,6 +12,7 @@ from headstock.app.running import select_analyses
 from headstock.pipeline.effect_trials import ScenePlan, rank_trials, summarise_trials, try_effects
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.outputs import write_output
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store, default_store_root
 
@@ -22,6 +23,7 @@ class EffectsRequest:
 
     plan: ScenePlan
     json_file: Path | None
+    origin: Provenance | None = None
 
 
 def effects_request(request: EffectsRequest) -> int:
@@ -43,5 +45,8 @@ def effects_request(request: EffectsRequest) -> int:
     ranked = rank_trials(trials)
     print_trials(ranked)
     if request.json_file is not None:
-        write_output(request.json_file, dump_json(summarise_trials(scene.name, ranked)).encode())
+        summary = summarise_trials(scene.name, ranked)
+        if request.origin is not None:
+            summary["provenance"] = request.origin.summarise()
+        write_output(request.json_file, dump_json(summary).encode())
     return DONE

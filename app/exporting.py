@@ -10,6 +10,7 @@ from mpi4py import MPI
 from headstock.app.console import warn_of_unused_accuracy
 from headstock.app.guard import DONE
 from headstock.app.running import require_ranks
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import make_on_root
 from headstock.pipeline.scene import Scene
 from headstock.pipeline.scene_loader import load_scene
@@ -28,6 +29,7 @@ class ExportRequest:
     variant: str | None
     overrides: tuple[str, ...]
     ranks: int | None
+    origin: Provenance | None = None
 
 
 def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
@@ -38,7 +40,8 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
         HeadstockError: The component does not exist, or a computation or the file failed.
     """
     require_ranks(request.ranks, comm)
-    written = export_superelement(make_on_root(comm, partial(_load, request)), request.component, request.output, comm=comm)
+    scene = make_on_root(comm, partial(_load, request))
+    written = export_superelement(scene, request.component, request.output, comm=comm, origin=request.origin)
     if comm.rank == 0:
         click.echo(written)
     return DONE
@@ -57,9 +60,8 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
         up_to_hz = parse_quantity(up_to, FREQUENCY).value
     except UnitError as error:
         raise click.UsageError(f"--state-space {error}") from error
-    written = export_state_space(
-        make_on_root(comm, partial(_load, request)), request.output, up_to_hz=up_to_hz, pose=pose, comm=comm
-    )
+    scene = make_on_root(comm, partial(_load, request))
+    written = export_state_space(scene, request.output, up_to_hz=up_to_hz, pose=pose, comm=comm, origin=request.origin)
     if comm.rank == 0:
         click.echo(written)
     return DONE

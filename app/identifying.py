@@ -1,6 +1,7 @@
 """``headstock identify``: fit numbers of a scene to what was measured, and say what is known of them."""
 
 import dataclasses
+import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +52,7 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         summary = {**summarise_identification(found), "seconds": time.perf_counter() - begin}
         if origin is not None:
             summary["provenance"] = origin.summarise()
-        command = f"./headstock identify {request.scene} {request.targets} --starts {loaded.task.settings.starts}"
+        command = _command(request, loaded.task.settings.starts, with_folders=origin is None or origin.command is not None)
         written = load_scene(request.scene, overrides=request.overrides)
         write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
         write_output(output / RECORD_FILE, dump_json(summary).encode())
@@ -59,3 +60,11 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
             write_output(request.json_file, dump_json(summary).encode())
         print_identification(found, output)
     return DONE if found.converged else FAILED
+
+
+def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> str:
+    """How to get the same again."""
+    files = [str(path) if with_folders else path.name for path in (request.scene, request.targets)]
+    return shlex.join(
+        ["./headstock", "identify", *files, "--starts", str(starts), *(f"--set={text}" for text in request.overrides)]
+    )

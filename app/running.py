@@ -66,10 +66,10 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
             comm,
             lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER))),
         )
+        said = find_unheld_motions(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
-            # known at once; what it does to the results is said with them
-            print_remarks(find_unheld_motions(scene))
+            print_remarks(said)
         results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
@@ -81,7 +81,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
             if request.json_file is not None:
                 write_output(request.json_file, dump_json(summary).encode())
             print_remarks(remarks)
-            print_summary(summary, seconds=time.perf_counter() - start, folder=output)
+            print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
 
 

@@ -102,6 +102,7 @@ def effects(
     variant: Variant = None,
     analysis: Names = None,
     set_: Overrides = None,
+    no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -111,7 +112,9 @@ def effects(
         from headstock.app.effecting import EffectsRequest, effects_request
         from headstock.pipeline.effect_trials import ScenePlan
 
-        return effects_request(EffectsRequest(ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ())), json))
+        plan = ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ()))
+        origin = trace_command(scene, variant=variant, overrides=plan.overrides, analyses=plan.analyses, with_host=not no_host)
+        return effects_request(EffectsRequest(plan, json, origin))
 
     return run_guarded(action, debug=debug)
 
@@ -129,6 +132,7 @@ def export(
     variant: Variant = None,
     set_: Overrides = None,
     ranks: Ranks = None,
+    no_host: NoHost = False,
     debug: Debug = False,
 ) -> int:
     """Write one component as a superelement file for other scenes, or the machine's state space as a file for MATLAB."""
@@ -139,7 +143,8 @@ def export(
         from headstock.app.exporting import ExportRequest, export_component, export_machine
 
         default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
-        request = ExportRequest(scene, component or "", output or default, variant, tuple(set_ or ()), ranks)
+        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        request = ExportRequest(scene, component or "", output or default, variant, tuple(set_ or ()), ranks, origin)
         return export_component(request, comm) if state_space is None else export_machine(request, state_space, pose, comm)
 
     return run_guarded(action, debug=debug)

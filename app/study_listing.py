@@ -113,7 +113,7 @@ def study_csv(table: StudyTable) -> bytes:
 def list_study(table: StudyTable, scene: Path) -> Json:
     """Everything a study shows, for ``--json``."""
     return {
-        "scene": str(scene),
+        "scene": scene.name,
         "study": table.study.name,
         "reference": table.study.reference,
         "store": "cold" if table.study.cold else "warm",

@@ -16,12 +16,13 @@ TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
 
 
-def render_sweep(summary: Json, figures: Mapping[str, bytes]) -> str:
+def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | None = None) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:
         summary: As ``summarise_sweep`` gives it.
         figures: Name to PNG, for browsers without scripts and for paper.
+        origin: Where it comes from, as ``Provenance.summarise`` gives it.
     """
     quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
     ranges = [(float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values))) for quantity in quantities]
@@ -30,6 +31,7 @@ def render_sweep(summary: Json, figures: Mapping[str, bytes]) -> str:
         .get_template(TEMPLATE)
         .render(
             s=summary,
+            origin=origin,
             quantities=list(zip(quantities, ranges, strict=True)),
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
             failed=sum(state == "failed" for state in summary["states"]),

@@ -85,10 +85,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
             results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
             results = name_tracked_modes(outcome.state, results)
             summary = summarise_sweep(results)
-            if origin is not None:
-                # apart from the results, which are the same bytes whenever and wherever they are computed
-                write_output(job.folder / ORIGIN_FILE, dump_json(origin.summarise()).encode())
-            remarks = _publish(summary, results, request, job.folder)
+            remarks = _publish(summary, results, request, job.folder, origin)
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
             print_remarks(remarks)
             failed = bool(results.failed)
@@ -104,16 +101,21 @@ def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Com
     return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
 
 
-def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path) -> list[str]:
-    """Write every file of a sweep: results, pictures and the page; remarks for the user."""
+def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path, origin: Provenance | None) -> list[str]:
+    """Write every file of a sweep: results, pictures and the page, and where they come from; remarks for the user."""
+    words = None if origin is None else origin.summarise()
+    if words is not None:
+        # apart from the results, which are the same bytes whenever and wherever they are computed
+        write_output(folder / ORIGIN_FILE, dump_json(words).encode())
     write_sweep(folder, results)
     write_output(folder / SUMMARY, dump_json(summary).encode())
     if request.json_file is not None:
-        write_output(request.json_file, dump_json(summary).encode())
+        # there alone, without a file of its origin beside it
+        write_output(request.json_file, dump_json(summary if words is None else {**summary, "provenance": words}).encode())
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
     figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
     remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
-    write_output(folder / REPORT_FILE, render_sweep(summary, figures).encode())
+    write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
     remove_other_journals(folder, results.key)
     return remarks
 

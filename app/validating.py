@@ -1,5 +1,6 @@
 """``headstock validate``: the table of numbers held against their references."""
 
+import contextlib
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from headstock.app.guard import DONE, FAILED
 from headstock.app.png_images import encode_png
 from headstock.app.running import require_ranks
 from headstock.app.validation_table import print_validation
-from headstock.pipeline.outputs import prepare_output, write_beside, write_output
+from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.validation.case_registry import Case
 from headstock.validation.case_rows import ValidationRow
 from headstock.validation.errors import UnknownCaseError
@@ -32,24 +33,23 @@ def validate_cases(
     """
     require_ranks(ranks, comm)
     console = make_console(stderr=True)
-    if output is not None and comm.rank == 0:
-        prepare_output(output)
 
     def report_progress(case: Case, rows: Sequence[ValidationRow]) -> None:
         failed = sum(not row.passed for row in rows)
         if comm.rank == 0:
             console.print(f"{case.name}: {len(rows)} rows" + (f", [red]{failed} failed[/red]" if failed else ""))
 
-    try:
-        rows = run_validation(names, comm=comm, on_case=report_progress)
-    except UnknownCaseError as error:
-        raise click.UsageError(str(error)) from error
-    if comm.rank == 0:
-        print_validation(make_console(), rows)
-        if json_file is not None:
-            write_output(json_file, rows_as_json(rows).encode())
-        if output is not None:
-            _draw_figures(rows, output)
+    with claim_output(output) if output is not None and comm.rank == 0 else contextlib.nullcontext():
+        try:
+            rows = run_validation(names, comm=comm, on_case=report_progress)
+        except UnknownCaseError as error:
+            raise click.UsageError(str(error)) from error
+        if comm.rank == 0:
+            print_validation(make_console(), rows)
+            if json_file is not None:
+                write_output(json_file, rows_as_json(rows).encode())
+            if output is not None:
+                _draw_figures(rows, output)
     return DONE if all(row.passed for row in rows) else FAILED
 
 

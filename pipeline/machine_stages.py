@@ -1,6 +1,7 @@
 """The stages that work on the coupled machine: couple, static, modal. Only rank 0 has anything to do."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from headstock.pipeline.run_state import Outcome, PoseMotions, RunState
 from headstock.pipeline.stages import Stage
 from headstock.reduction.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.free_motions import find_free_motions, solve_machine_static
+from headstock.reduction.free_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.damping_models import equivalent_viscous
@@ -89,7 +90,9 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     named = name_modes(coupled, result)
     stacked = coupled.basis @ result.shapes
     count = len(result.frequencies_hz)
-    state.warn(_free_motion_warning(state, coupled, result.rigid_count))
+    unexpected = _undeclared(state, find_free_motions(coupled)) if result.rigid_count else ()
+    if unexpected:
+        state.warn(warn_of_free_motions(unexpected))
     state.modal.append(
         PoseModes(
             pose=state.plan.poses[_pose_name(stage)],
@@ -148,14 +151,13 @@ def _point_compliance(state: RunState, coupled: CoupledMachine, name: str) -> Po
     link = find_weakest_link(coupled, name, softest, found)
     errors = estimate_compliance_errors(state, coupled, found.displacements)
     errors |= {direction: Estimate() for direction, value in zip(DIRECTIONS, along, strict=True) if np.isnan(value)}
-    motions = tuple(str(motion) for motion in find_free_motions(coupled)) if found.free else ()
-    if motions:
-        state.warn(
-            f"static analysis: nothing holds {'; '.join(motions)}, so a load at {name} that does work on it has no answer (free); "
-            "the others have theirs"
-        )
+    free = find_free_motions(coupled) if found.free else ()
+    if free:
+        state.warn(warn_of_free_motions(_undeclared(state, free) or free))
     sentence = "" if link is None else str(link)
-    return PointCompliance(found.compliance, found.shares, sentence, _displacement(state, coupled, name), errors, motions)
+    return PointCompliance(
+        found.compliance, found.shares, sentence, _displacement(state, coupled, name), errors, tuple(map(str, free))
+    )
 
 
 def _displacement(state: RunState, coupled: CoupledMachine, name: str) -> FloatArray | None:
@@ -173,18 +175,10 @@ def _displacement(state: RunState, coupled: CoupledMachine, name: str) -> FloatA
     return np.where(found.determines(rows), rows @ found.displacements, np.nan)
 
 
-def _free_motion_warning(state: RunState, coupled: CoupledMachine, rigid_count: int) -> str | None:
-    """Names the motions that meet no stiffness, unless every body in them is declared free."""
-    if rigid_count == 0:
-        return None
-    motions = find_free_motions(coupled)
+def _undeclared(state: RunState, motions: Sequence[FreeMotion]) -> tuple[FreeMotion, ...]:
+    """Those of the free motions in which not every body is declared free."""
     components = state.plan.components
-    unexpected = [motion for motion in motions if not motion.bodies or not all(components[name].free for name in motion.bodies)]
-    if not unexpected:
-        return None
-    return (
-        f"{len(motions)} rigid motion(s) meet no stiffness and have no frequency: {'; '.join(str(motion) for motion in unexpected)}"
-    )
+    return tuple(motion for motion in motions if not motion.bodies or not all(components[name].free for name in motion.bodies))
 
 
 def _coupled(state: RunState) -> CoupledMachine:

@@ -81,6 +81,10 @@ class Provenance:
         content = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
         return {key: value for key, value in content.items() if value is not None or key == "variant"}
 
+    def summarise_for_export(self) -> "Json":
+        """The same for a file of one model that is passed on: the digest of the scene, not its text, which may tell more than the model."""
+        return {key: value for key, value in self.summarise().items() if key != "scene_text"}
+
 
 def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool) -> Provenance:
     """Where what is computed now comes from.

@@ -5,6 +5,7 @@ name; ``None`` is left out. A reader therefore needs nothing but the dataclass t
 """
 
 import dataclasses
+import json
 import types
 import typing
 from collections.abc import Mapping
@@ -89,6 +90,13 @@ def write_record(group: h5py.Group, record: Any) -> None:
     """Write every field of a frozen dataclass into a group."""
     for field in dataclasses.fields(record):
         _write_value(group, field.name, getattr(record, field.name))
+
+
+def write_words(group: h5py.Group, content: Mapping[str, Any]) -> None:
+    """Write numbers, words and lists of words as attributes of a group, a list as JSON; None is left out."""
+    for name, value in content.items():
+        if value is not None:
+            group.attrs[name] = json.dumps(value, ensure_ascii=False) if isinstance(value, list) else value
 
 
 def read_record[T](group: h5py.Group, kind: type[T]) -> T:

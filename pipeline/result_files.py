@@ -15,8 +15,7 @@ from headstock.pipeline.json_texts import Json, check_finite, dump_json
 from headstock.pipeline.machine_views import MachineView
 from headstock.pipeline.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.path_results import PathCurves, fill_path, parse_path
-from headstock.pipeline.provenance import Provenance
-from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record
+from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record, write_words
 from headstock.pipeline.result_summary import summarise
 from headstock.pipeline.results import PoseModes, Results
 
@@ -86,7 +85,10 @@ def _fill(file: h5py.File, results: Results) -> None:
     for library, version in results.versions.items():
         file.require_group("versions").attrs[library] = version
     if results.provenance is not None:
-        _fill_provenance(file.create_group("provenance"), results.provenance)
+        content = results.provenance.summarise()
+        # no attribute: a limit of HDF5 keeps long ones out
+        file["provenance/scene_text"] = np.bytes_(str(content.pop("scene_text")).encode() or b"\n")
+        write_words(file["provenance"], content)
     cases = [(pose, name, point) for pose, points in results.static.items() for name, point in points.items()]
     for pose, name, point in cases:
         group = file.create_group(f"static/{pose}/{name}")
@@ -107,17 +109,6 @@ def _fill(file: h5py.File, results: Results) -> None:
     for modes in results.modal:
         _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
     mark_units(file, UNITS)
-
-
-def _fill_provenance(group: h5py.Group, provenance: Provenance) -> None:
-    """One attribute per field, and the text of the scene as a data set of its UTF-8 bytes."""
-    content = provenance.summarise()
-    text = content.pop("scene_text")
-    # as one word: a limit of HDF5 keeps long attributes out, and a list of words reads worse
-    group["scene_text"] = np.bytes_(text.encode() or b"\n")
-    for name, value in content.items():
-        if value is not None:
-            group.attrs[name] = json.dumps(value, ensure_ascii=False) if isinstance(value, list) else value
 
 
 def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:

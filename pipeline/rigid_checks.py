@@ -10,13 +10,13 @@ from headstock.pipeline.planner import choose_poses
 from headstock.pipeline.scene import Scene
 from headstock.reduction.compliance_budget import point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
-from headstock.reduction.free_motions import find_free_motions
+from headstock.reduction.free_motions import find_free_motions, warn_of_free_motions
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.solvers.errors import ModelError
 
 
 def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
-    """A warning for a machine in which bodies may move that are not declared free; empty without.
+    """Warnings of a machine in which bodies may move that are not declared free; empty without.
 
     Elastic bodies have the free motions of rigid ones on the same joints. Nothing is said where that would take a mesh: imported parts,
     supports on faces or points, mechanisms.
@@ -33,15 +33,10 @@ def find_unheld_motions(scene: Scene) -> tuple[str, ...]:
     ]
     if not motions:
         return ()
-    text = f"nothing holds {'; '.join(str(motion) for motion in motions)}"
-    if scene.analyses.static is None:
-        return (f"{text}: no frequency and no static answer belongs to that; hold it by a joint if that is not meant",)
-    refused = [name for name in scene.analyses.static.at if _has_no_answer(coupled, name)]
-    if refused:
-        return (
-            f"{text}: every force at {', '.join(refused)} does work on that, so there will be no static answer; hold it by a joint",
-        )
-    return (f"{text}: a static load that does work on that has no answer, others have theirs",)
+    points = () if scene.analyses.static is None else scene.analyses.static.at
+    refused = [name for name in points if _has_no_answer(coupled, name)]
+    hopeless = f"there will be no static answer: every force at {', '.join(refused)} does work on that"
+    return (warn_of_free_motions(motions), *([hopeless] if refused else []))
 
 
 def _couple_rigid(scene: Scene) -> CoupledMachine | None:

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -12,6 +13,7 @@ from headstock.pipeline.analysis_requests import Analyses, FrfRequest
 from headstock.pipeline.damped_machines import damp_system
 from headstock.pipeline.outputs import check_output, write_output
 from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
@@ -23,7 +25,9 @@ from headstock.solvers.state_space import StateSpace, to_state_space
 from headstock.solvers.system_ports import name_port
 
 
-def export_state_space(scene: Scene, path: Path, *, up_to_hz: float, pose: str | None, comm: MPI.Comm) -> str:
+def export_state_space(
+    scene: Scene, path: Path, *, up_to_hz: float, pose: str | None, comm: MPI.Comm, origin: Provenance | None = None
+) -> str:
     """Write the state space between the ports of ``[analyses.frf]``, or x, y and z of every point, as a ``.mat`` file.
 
     Args:
@@ -32,6 +36,7 @@ def export_state_space(scene: Scene, path: Path, *, up_to_hz: float, pose: str |
         up_to_hz: Modes up to here become states, the others act statically.
         pose: Name of a pose; the first unless given.
         comm: Collective.
+        origin: Written with it.
 
     Returns:
         What was written, in a few words; on every rank.
@@ -57,19 +62,26 @@ def export_state_space(scene: Scene, path: Path, *, up_to_hz: float, pose: str |
             raise ModelError("a state space is exported from machines of joined components only, not from a lumped mechanism")
         system = damp_system(state, state.coupled.system)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
-        write_output(path, encode_mat(space))
+        write_output(path, encode_mat(space, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"
         text = f"{path}: pose {name}, {sizes}, modes up to {up_to_hz:g} Hz"
     return str(share_from_root(comm, text))
 
 
-def encode_mat(space: StateSpace) -> bytes:
-    """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``."""
+def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
+    """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``; where it comes from as a structure."""
     image = io.BytesIO()
     names = {"inputs": space.inputs, "outputs": space.outputs}
     cells = {key: np.array([name_port(port) for port in ports], dtype=object) for key, ports in names.items()}
     states = np.array(space.states, dtype=object)
-    scipy.io.savemat(image, {"A": space.a, "B": space.b, "C": space.c, "D": space.d, **cells, "states": states})
+    content: dict[str, Any] = {"A": space.a, "B": space.b, "C": space.c, "D": space.d, **cells, "states": states}
+    if origin is not None:
+        words = origin.summarise_for_export()
+        content["provenance"] = {
+            key: np.array(value, dtype=object) if isinstance(value, list) else "" if value is None else value
+            for key, value in words.items()
+        }
+    scipy.io.savemat(image, content)
     return image.getvalue()
 
 

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from headstock.pipeline.outputs import OutputError, check_output
 from headstock.pipeline.planner import plan_scene
+from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS
@@ -15,7 +16,9 @@ from headstock.pipeline.superelement_files import write_superelement
 from headstock.solvers.errors import ModelError
 
 
-def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.Comm, store: Store | None = None) -> str:
+def export_superelement(
+    scene: Scene, component: str, path: Path, *, comm: MPI.Comm, store: Store | None = None, origin: Provenance | None = None
+) -> str:
     """Reduce a component as its scene says and write it; read it back with ``solid = { superelement = "x.h5" }``.
 
     Args:
@@ -24,6 +27,7 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
         path: File to write, whole or not at all.
         comm: Collective.
         store: Where meshes and superelements are kept; by default the user's.
+        origin: Written with it.
 
     Returns:
         What was written, in a few words; on every rank.
@@ -45,6 +49,6 @@ def export_superelement(scene: Scene, component: str, path: Path, *, comm: MPI.C
     text = ""
     if state.is_root:
         superelement = state.reduced[component].superelement
-        write_superelement(path, superelement)
+        write_superelement(path, superelement, origin)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

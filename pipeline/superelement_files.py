@@ -13,7 +13,8 @@ from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.guarded_process import ChildLimits, run_guarded
 from headstock.pipeline.outputs import write_output
-from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record
+from headstock.pipeline.provenance import Provenance
+from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record, write_words
 from headstock.reduction.rails import DEGREE, STATION_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
@@ -33,8 +34,8 @@ CONSISTENCY = 1e-6  # relative, between numbers that say the same
 WALL_SECONDS = 60
 
 
-def write_superelement(path: Path, superelement: Superelement) -> None:
-    """Write a superelement so that a reader sees the old file or the whole new one, never a part.
+def write_superelement(path: Path, superelement: Superelement, origin: Provenance | None = None) -> None:
+    """Write a superelement, with where it comes from, so that a reader sees the old file or the whole new one, never a part.
 
     Raises:
         OutputError: It cannot be written, or there is a file that Headstock did not write.
@@ -44,6 +45,8 @@ def write_superelement(path: Path, superelement: Superelement) -> None:
         file.attrs["format"] = FORMAT
         file.attrs["version"] = VERSION
         write_record(file, superelement)
+        if origin is not None:
+            write_words(file.create_group("provenance"), origin.summarise_for_export())
     write_output(path, image.getvalue())
 
 

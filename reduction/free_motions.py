@@ -1,5 +1,6 @@
 """Motions of a machine that nothing holds: which bodies move, and how."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +70,14 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
     if not found.balanced.all():
         raise free_motion_error(coupled)
     return replace(found, displacements=found.displacements.reshape(loads.shape))
+
+
+def warn_of_free_motions(motions: Sequence[FreeMotion]) -> str:
+    """What to say of motions that nothing holds where the analyses go on: one text, whoever finds them, so that it is said once."""
+    return (
+        f"nothing holds {'; '.join(str(motion) for motion in motions)}: that has no frequency, and a static load that does work on it "
+        "has no answer (free); hold it by a joint if it is not meant"
+    )
 
 
 def free_motion_error(coupled: CoupledMachine) -> ModelError:

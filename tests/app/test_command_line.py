@@ -16,39 +16,7 @@ from headstock.app import guard
 from headstock.app.command_line import main
 from headstock.geometry.errors import HeadstockError
 
-RIGID_SCENE = """
-name = "A block on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["100 mm", "100 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.mount]
-between = ["ground", "block.foot"]
-kind = "spring"
-stiffness = { x = "10 N/um", y = "10 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[points]
-tcp = { tool = "block.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-"""
 HEAVY = ("dolfinx", "petsc4py", "slepc4py", "gmsh", "meshio", "pyvista", "matplotlib")
-
-
-@pytest.fixture
-def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "block.toml"
-    path.write_text(RIGID_SCENE)
-    return path
 
 
 def run_program(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -122,7 +90,7 @@ def test_the_printed_lines_fit_into_100_columns_without_a_terminal(scene_file: P
 def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs_no_heavy_library(
     scene_file: Path, tmp_path: Path
 ) -> None:
-    scene_file.write_text(RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
+    scene_file.write_text(scene_file.read_text().replace('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out")]) == 0
     code = (
         "import sys; from headstock.app.command_line import main\n"
@@ -141,12 +109,13 @@ def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs
 def test_a_free_slide_is_named_before_anything_is_computed_and_the_loads_that_do_no_work_on_it_have_their_answer(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene_file.write_text(RIGID_SCENE.replace('x = "10 N/um", ', ""))
+    scene_file.write_text(scene_file.read_text().replace('x = "10 N/um", ', ""))
     assert main(["check", str(scene_file)]) == 0
     assert "nothing holds X translation of block" in " ".join(capsys.readouterr().out.split())
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert printed.index("nothing holds X translation of block") < printed.index("rigid block")
+    assert printed.count("warning:") == printed.count("nothing holds") == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == "done"
     point = summary["static"]["tcp"]
@@ -154,12 +123,15 @@ def test_a_free_slide_is_named_before_anything_is_computed_and_the_loads_that_do
     assert [row[0] for row in point["compliance_um_per_kN"]] == point["compliance_um_per_kN"][0] == [None] * 3
     assert point["compliance_um_per_kN"][2][2] == pytest.approx(25.0)
     assert summary["modal"][0]["rigid_count"] == 1
+    assert len(summary["warnings"]) == 1 and "nothing holds X translation of block" in summary["warnings"][0]
 
 
 def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_and_still_shows_its_modes(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene_file.write_text(RIGID_SCENE.replace('x = "10 N/um", ', "").replace('y = "10 N/um", ', "").replace('z = "40 N/um", ', ""))
+    scene_file.write_text(
+        scene_file.read_text().replace('x = "10 N/um", ', "").replace('y = "10 N/um", ', "").replace('z = "40 N/um", ', "")
+    )
     assert main(["run", str(scene_file), "-o", str(tmp_path / "out"), "--no-figures"]) == 1
     printed = " ".join(capsys.readouterr().out.split())
     assert "failed: static analysis in pose reference: 3 rigid motion(s) are free" in printed
@@ -203,7 +175,9 @@ def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    scene_file.write_text(RIGID_SCENE.replace("nu = 0.3", "nu = 0.6").replace('material = "steel"', 'material = "steal"'))
+    scene_file.write_text(
+        scene_file.read_text().replace("nu = 0.3", "nu = 0.6").replace('material = "steel"', 'material = "steal"')
+    )
     before = sorted(tmp_path.rglob("*"))
     assert main([command, str(scene_file)]) == 2
     message = capsys.readouterr().err
@@ -236,7 +210,7 @@ def test_a_segmented_scene_runs_and_one_that_cannot_be_segmented_ends_with_2_and
 def test_check_writes_the_problems_as_json(scene_file: Path, tmp_path: Path) -> None:
     assert main(["check", str(scene_file), "--json", str(tmp_path / "good.json")]) == 0
     assert json.loads((tmp_path / "good.json").read_text())["ok"] is True
-    scene_file.write_text(RIGID_SCENE.replace("nu = 0.3", "nu = 0.6"))
+    scene_file.write_text(scene_file.read_text().replace("nu = 0.3", "nu = 0.6"))
     assert main(["check", str(scene_file), "--json", str(tmp_path / "bad.json")]) == 2
     content = json.loads((tmp_path / "bad.json").read_text())
     assert content["ok"] is False
@@ -307,9 +281,6 @@ def test_a_lack_of_memory_is_called_one_whoever_says_so(capsys: pytest.CaptureFi
     )
 
 
-ELASTIC = RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }')
-
-
 @pytest.mark.parametrize(
     ("megabytes", "said"),
     [
@@ -318,11 +289,12 @@ ELASTIC = RIGID_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "5 mm", cel
         (770, "needed more memory than there is; this shell allows 0.752 GiB (ulimit -v): allow more, or write a larger mesh size"),
     ],
 )
-def test_a_run_without_memory_is_named_with_the_limit_of_the_shell(tmp_path: Path, megabytes: int, said: str) -> None:
-    scene = tmp_path / "scene.toml"
-    scene.write_text(ELASTIC)
+def test_a_run_without_memory_is_named_with_the_limit_of_the_shell(
+    scene_file: Path, tmp_path: Path, megabytes: int, said: str
+) -> None:
+    scene_file.write_text(scene_file.read_text().replace('fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }'))
     program = f'ulimit -v {megabytes << 10}; HEADSTOCK_STORE="{tmp_path}/store" "{sys.executable}" -P -m headstock.app.command_line'
-    done = run_in_shell(f'{program} run "{scene}" -o "{tmp_path}/out"')
+    done = run_in_shell(f'{program} run "{scene_file}" -o "{tmp_path}/out"')
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("OutOfMemoryError: ")
     assert said in done.stderr
@@ -339,9 +311,9 @@ def test_a_fault_of_the_program_is_called_one(capsys: pytest.CaptureFixture[str]
     assert "Traceback" not in message
 
 
-def test_brackets_in_names_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_brackets_in_names_are_no_markup(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "[x].toml"
-    path.write_text(RIGID_SCENE.replace("A block on springs", "[/red] a [bold]block[/nonsense]"))
+    path.write_text(scene_file.read_text().replace("A block on springs", "[/red] a [bold]block[/nonsense]"))
     for command in (["check", str(path)], ["plan", str(path)], ["run", str(path), "-o", str(tmp_path / "[/]"), "--no-figures"]):
         assert main(command) == 0
         # a long path breaks the line
@@ -420,12 +392,10 @@ def test_report_is_written_again_from_the_files_of_a_run(scene_file: Path, tmp_p
     assert main(["report", str(tmp_path / "nothing")]) == 1
 
 
-def test_without_home_the_libraries_get_the_one_of_the_account(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.toml"
-    scene.write_text(RIGID_SCENE)
+def test_without_home_the_libraries_get_the_one_of_the_account(scene_file: Path, tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "HOME"}
     code = "import sys; from headstock.app.command_line import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-P", "-c", code, "run", str(scene), "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-P", "-c", code, "run", str(scene_file), "-o", str(tmp_path / "out")]
     for home in ({}, {"HOME": ""}):
         done = subprocess.run(command, env=environment | home, capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, ""), done.stderr

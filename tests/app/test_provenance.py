@@ -6,64 +6,41 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
+import scipy.io
 
 from headstock.app.command_line import main
 from headstock.pipeline.provenance import UNKNOWN, find_version
+from headstock.pipeline.superelement_files import read_superelement
 
-SCENE = """\
-name = "A block <on> springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"  # µ & <b>
-[components.block]
-solid = { box = ["100 mm", "100 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.mount]
-between = ["ground", "block.foot"]
-kind = "spring"
-stiffness = { x = "10 N/um", y = "10 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[axes.X]
-joints = ["mount"]
-direction = "x"
-limits = ["-50 mm", "50 mm"]
-[points]
-tcp = { tool = "block.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-[variants.heavy]
-"materials.steel.rho" = "8000 kg/m^3"
-[sweeps.line]
-axes = { X = ["0 mm", "10 mm", 2] }
-[studies.E]
-vary = { "materials.steel.rho" = ["7000 kg/m^3", "8000 kg/m^3"] }
-watch = ["modal.frequencies_hz[0:3]"]
-"""
 OVERRIDE = "materials.steel.nu=0.29"
 
 
 @pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+def scene(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """In a folder that no file should name."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    path = tmp_path / "block.toml"
-    path.write_text(SCENE)
+    monkeypatch.setattr("socket.gethostname", lambda: "secret-host")
+    text = scene_file.read_text().replace("A block on springs", "A block <on> springs")
+    path = scene_file.parent / "secret-folder" / "block.toml"
+    path.parent.mkdir()
+    path.write_text(f"{text}# µ & <b>\n")
+    path.with_name("targets.toml").write_text(scene_file.with_name("targets.toml").read_text())
     return path
 
 
-def require_origin(found: dict[str, object], scene: Path) -> None:
+def require_origin(found: Mapping[str, object], scene: Path) -> None:
+    assert found["scene_text"] == scene.read_text()
+    require_origin_of_export(found, scene)
+
+
+def require_origin_of_export(found: Mapping[str, object], scene: Path) -> None:
     assert found["scene_file"] == "block.toml"
-    assert found["scene_text"] == SCENE
     assert found["scene_sha256"] == hashlib.sha256(scene.read_bytes()).hexdigest()
     assert found["overrides"] == [OVERRIDE]
     assert (found["version"], found["commit"]) == (find_version().version, find_version().commit)
@@ -80,10 +57,10 @@ def test_a_run_states_its_origin_in_summary_results_and_report(scene: Path, tmp_
     assert found["variant"] == "heavy"
     assert found["analyses"] == ["modal"]
     assert found["command"] == words
-    assert found["host"]
+    assert found["host"] == "secret-host"
     with h5py.File(out / "results.h5") as file:
         group = file["provenance"]
-        assert group["scene_text"][()].decode() == SCENE
+        assert group["scene_text"][()].decode() == scene.read_text()
         assert group.attrs["scene_sha256"] == found["scene_sha256"]
         assert json.loads(group.attrs["overrides"]) == [OVERRIDE]
         assert json.loads(group.attrs["command"]) == words
@@ -91,39 +68,76 @@ def test_a_run_states_its_origin_in_summary_results_and_report(scene: Path, tmp_
             name: found[name] for name in ("variant", "version", "commit", "date", "host", "ranks")
         }
     page = html.unescape((out / "report.html").read_text())
-    for text in (found["scene_sha256"], found["commit"], found["date"], found["host"], OVERRIDE, "heavy", SCENE, " ".join(words)):
+    for text in (
+        found["scene_sha256"],
+        found["commit"],
+        found["date"],
+        found["host"],
+        OVERRIDE,
+        "heavy",
+        scene.read_text(),
+        " ".join(words),
+    ):
         assert text in page
     assert "A block <on> springs" not in (out / "report.html").read_text()
 
 
-def test_no_host_leaves_host_and_command_out_of_every_file(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socket.gethostname", lambda: "secret-host")
-    out = tmp_path / "secret-folder"
-    assert main(["run", str(scene), "-o", str(out), "--no-figures", "--set", OVERRIDE, "--no-host"]) == 0
-    found = json.loads((out / "summary.json").read_text())["provenance"]
-    require_origin(found, scene)
-    assert not {"host", "command"} & set(found)
-    for path in (path for path in out.rglob("*") if path.is_file()):
-        assert not re.search(rb"secret-(host|folder)", path.read_bytes()), path
-    assert main(["report", str(out)]) == 0
+# command, the file that says where its results come from, and a page that does
+COMMANDS = {
+    "run {scene} --no-figures -o {out}": ("summary.json", "report.html"),
+    "sweep {scene} line -o {out} --json {out}/copy.json": ("provenance.json", "report.html"),
+    "study {scene} E -o {out}": ("study.json", None),
+    "compare {scene} -o {out}": ("compare.json", "compare.html"),
+    "identify {scene} {targets} -o {out}": ("identification.json", None),
+    "effects {scene} --json {out}/effects.json": ("effects.json", None),
+}
 
 
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (["sweep", "{scene}", "line"], "provenance.json"),
-        (["study", "{scene}", "E"], "study.json"),
-        (["compare", "{scene}"], "compare.json"),
-    ],
-)
+@pytest.mark.parametrize("text", COMMANDS)
 @pytest.mark.parametrize("extra", [[], ["--no-host"]])
-def test_many_runs_state_their_origin(scene: Path, tmp_path: Path, words: list[str], name: str, extra: list[str]) -> None:
-    out = tmp_path / "out"
-    assert main([*(word.format(scene=scene) for word in words), "-o", str(out), "--set", OVERRIDE, *extra]) == 0
-    content = json.loads((out / name).read_text())
-    found = content.get("provenance", content)
-    require_origin(found, scene)
-    assert ("host" in found) == ("command" in found) == (not extra)
+def test_results_of_every_command_state_their_origin_and_with_no_host_neither_host_nor_folder(
+    scene: Path, tmp_path: Path, text: str, extra: list[str]
+) -> None:
+    out = tmp_path / "secret-folder" / "out"
+    out.mkdir()
+    places = {"scene": scene, "targets": scene.with_name("targets.toml"), "out": out}
+    words = [word.format(**places) for word in text.split()]
+    assert main([*words, "--set", OVERRIDE, *extra]) == 0
+    name, page = COMMANDS[text]
+    for path in (out / name, *out.glob("copy.json")):
+        content = json.loads(path.read_text())
+        found = content.get("provenance", content)
+        require_origin(found, scene)
+        assert ("host" in found) == ("command" in found) == (not extra)
+    if page is not None:
+        shown = html.unescape((out / page).read_text())
+        for fact in (found["scene_sha256"], found["commit"], found["date"], OVERRIDE, scene.read_text()):
+            assert fact in shown
+        assert ("secret-host" in shown) == (not extra)
+    if extra:
+        for path in (path for path in out.rglob("*") if path.is_file()):
+            assert not re.search(rb"secret-(host|folder)", path.read_bytes()), path
+        assert name != "summary.json" or main(["report", str(out)]) == 0
+
+
+@pytest.mark.parametrize("extra", [[], ["--no-host"]])
+def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(scene: Path, tmp_path: Path, extra: list[str]) -> None:
+    element, space = tmp_path / "block.h5", tmp_path / "block.mat"
+    assert main(["export", str(scene), "block", "-o", str(element), "--set", OVERRIDE, *extra]) == 0
+    assert main(["export", str(scene), "--state-space", "500 Hz", "-o", str(space), "--set", OVERRIDE, *extra]) == 0
+    with h5py.File(element) as file:
+        stored = dict(file["provenance"].attrs)
+    stored["overrides"] = json.loads(stored["overrides"])
+    read = scipy.io.loadmat(space, simplify_cells=True)["provenance"]
+    read["overrides"] = np.atleast_1d(read["overrides"]).tolist()
+    for found in (stored, read):
+        require_origin_of_export(found, scene)
+        assert ("host" in found) == ("command" in found) == (not extra)
+    for path in (element, space):
+        content = path.read_bytes()
+        assert b"stiffness =" not in content and b"<on>" not in content
+        assert not extra or not re.search(rb"secret-(host|folder)", content)
+    assert read_superelement(element).mass_kg == pytest.approx(7.85)
 
 
 def test_version_prints_version_and_commit_and_computes_nothing(capsys: pytest.CaptureFixture[str]) -> None:

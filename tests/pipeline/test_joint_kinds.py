@@ -135,4 +135,4 @@ def test_a_spindle_that_may_turn_is_known_before_any_mesh(held: str, offset: int
     found = find_unheld_motions(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:
-        assert free in found[0] and "a static load that does work on that has no answer" in found[0]
+        assert free in found[0] and "a static load that does work on it has no answer" in found[0]

@@ -1,0 +1,59 @@
+"""The scene that tests of commands share: a rigid block on springs, solved in no time, with every kind of table a command asks for."""
+
+from pathlib import Path
+
+import pytest
+
+BLOCK = """
+name = "A block on springs"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["100 mm", "100 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.block.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.mount]
+between = ["ground", "block.foot"]
+kind = "spring"
+stiffness = { x = "10 N/um", y = "10 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[axes.X]
+joints = ["mount"]
+direction = "x"
+limits = ["-50 mm", "50 mm"]
+[points]
+tcp = { tool = "block.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 6
+[variants.heavy]
+"materials.steel.rho" = "8000 kg/m^3"
+[sweeps.line]
+axes = { X = ["0 mm", "10 mm", 2] }
+[studies.E]
+vary = { "materials.steel.rho" = ["7000 kg/m^3", "8000 kg/m^3"] }
+watch = ["modal.frequencies_hz[0:3]"]
+"""
+
+TARGETS = """
+[cases.measured]
+frequencies = ["170 Hz", "179 Hz"]
+[parameters.mount]
+keys = ["joints.mount.stiffness.x"]
+bounds = ["5 N/um", "20 N/um"]
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The block as ``block.toml``, ``targets.toml`` beside it for an identification, and a store of its own."""
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path = tmp_path / "block.toml"
+    path.write_text(BLOCK)
+    path.with_name("targets.toml").write_text(TARGETS)
+    return path
