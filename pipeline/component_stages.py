@@ -24,7 +24,7 @@ from headstock.reduction.reduction_requests import ReductionRequest, mode_target
 from headstock.reduction.rigid_reduction import reduce_rigid
 from headstock.reduction.segmented_reduction import reduce_segmented, segment_skin
 from headstock.reduction.superelement import Superelement
-from headstock.reduction.superelement_checks import check_superelement
+from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
 
 # dolfinx, PETSc and SLEPc take a second to import: the one module that needs them is loaded when something is really reduced, so
 # that a run whose superelements all come from the store does without
@@ -94,7 +94,7 @@ def run_load_stage(state: RunState, stage: Stage) -> Outcome:
     if state.is_root:
         component = _component(state, stage)
         superelement = dataclasses.replace(read_superelement(cast(SuperelementFile, component.solid).path), name=component.name)
-        check_superelement(superelement)
+        check_superelement(superelement, rounding=FILE_ROUNDING)
         state.reduced[component.name] = ReducedComponent(superelement)
         return Outcome(detail=_describe(superelement))
     return Outcome()

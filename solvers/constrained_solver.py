@@ -16,7 +16,7 @@ RIGID_TOLERANCE = 1e-9
 SOLVE_TOLERANCE = 1e-11  # of forces: a Cholesky factorisation leaves some 1e-15 however badly conditioned the stiffness is
 SOUND_RESIDUAL = 1e-13  # below it a solve is as good as its factorisation
 NEGLIGIBLE_ROUNDOFF = 1e-6  # of the strain energy of soft shapes, below which displacements need no refinement; parts 1:300 or so
-DISPLACEMENT_TOLERANCE = 1e-5  # of displacements, by how much the last refinement may still change them
+ENERGY_BLIND = float(np.sqrt(np.finfo(float).eps))  # of displacements: energies see the square of what they are off by
 REFINEMENT_STEPS = 5
 
 
@@ -71,6 +71,8 @@ class ConstrainedSolver:
 
         A residual says little about displacements where the stiffness is badly conditioned. The factors are those of K with its
         rounding, the residual is that of K less it (``ElasticOperators.apply_stiffness``), so that refinement finds the digits back.
+        Each step leaves what it changed times the rate at which changes fall, at first taken from ``roundoff``; it goes on until that
+        is less than what rounding of the residual can make of displacements (``attainable_change``).
 
         Args:
             loads: ``(3 n_owned, k)`` [N].
@@ -80,18 +82,18 @@ class ConstrainedSolver:
             ConvergenceError: The residual does not fall below ``SOLVE_TOLERANCE`` of the forces inside the component, or
                 refinement goes on to change the displacements.
 
-        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1.
+        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1; Demmel et al. (2006), ACM TOMS 32, 325-351,
+            on errors from the rate of refinement.
         """
         if targets is None:
             targets = np.zeros((self.constraints.shape[1], loads.shape[1]))
         result, unconstrained = self._solve(loads, targets)
         # loads that constraints carry alone leave rounding of the unconstrained displacements, which is not to be refined
         reach = max_over_ranks(self.comm, np.abs(unconstrained).max(axis=0, initial=0.0))
-        change = self.roundoff
+        change, left, allowed = 1.0, self.roundoff, NEGLIGIBLE_ROUNDOFF
         for step in range(REFINEMENT_STEPS + 1):
             residual, size = self._residual(result, loads)
-            sound = size <= (SOUND_RESIDUAL if step == 0 else SOLVE_TOLERANCE)
-            if sound and change <= (NEGLIGIBLE_ROUNDOFF if step == 0 else DISPLACEMENT_TOLERANCE):
+            if size <= (SOUND_RESIDUAL if step == 0 else SOLVE_TOLERANCE) and left <= allowed:
                 self.largest_residual = max(self.largest_residual, size)
                 return result
             if step < REFINEMENT_STEPS:
@@ -99,13 +101,21 @@ class ConstrainedSolver:
                 result = result + correction
                 sizes = [max_over_ranks(self.comm, np.abs(block).max(axis=0, initial=0.0)) for block in (correction, result)]
                 scale = np.maximum(np.maximum(sizes[1], reach), np.finfo(float).tiny)
-                change = float(np.max(sizes[0] / scale, initial=0.0))
+                before, change = change, float(np.max(sizes[0] / scale, initial=0.0))
+                rate = max(change, self.roundoff) if step == 0 else change / before if before > 0.0 else 0.0
+                left, allowed = change * rate / (1.0 - rate) if rate < 1.0 else np.inf, self.attainable_change
         raise ConvergenceError(
-            f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements change by "
-            f"{change:.2g} (allowed {DISPLACEMENT_TOLERANCE:g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
+            f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements are off by "
+            f"{left:.2g} (its conditioning allows {allowed:.2g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
             "conditioned; look for slivers, for supports and interfaces that barely hold the component, or for a sheet too thin for "
             "solid elements"
         )
+
+    @property
+    def attainable_change(self) -> float:
+        """What rounding of residuals can make of refined displacements, as a share of them."""
+        residuals = np.longdouble if self.roundoff > NEGLIGIBLE_ROUNDOFF else np.float64
+        return max(self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_BLIND)
 
     def forces(self, displacements: FloatArray) -> FloatArray:
         """``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the component calls for."""

@@ -3,7 +3,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_map
-from headstock.solvers.constrained_solver import ConstrainedSolver, rigid_motions
+from headstock.solvers.constrained_solver import NEGLIGIBLE_ROUNDOFF, ConstrainedSolver, rigid_motions
 from headstock.solvers.elasticity import assemble_elasticity
 from headstock.solvers.errors import ConvergenceError, ModelError
 
@@ -165,3 +165,37 @@ def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators, monkeypa
             else:
                 with pytest.raises(ConvergenceError, match=r"residual of .* \(allowed 1e-11\)"):
                     solver.solve(np.where(held, 0.0, 1.0)[:, None])
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.5], ids=["a thousandth", "half"])
+def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are_small(
+    make_box, make_component, monkeypatch, share
+):
+    operators = strip_operators(make_box, make_component, 1e-3)
+    held = np.repeat(operators.points[:, 0] < 1e-9, 3)
+    load = np.zeros((len(held), 1))
+    load[2::3] = 1.0
+    load[held] = 0.0
+    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+        right, good = solver.solve(load), solver._factorization.solve
+        monkeypatch.setattr(solver._factorization, "solve", lambda loads: (1.0 + share) * good(loads))
+        wrong = solver._residual((1.0 + share) * right, load)[1]
+        assert wrong < 1e-10
+        if share < 0.5:
+            assert np.abs(solver.solve(load) - right).max() < solver.attainable_change * np.abs(right).max()
+        else:
+            with pytest.raises(ConvergenceError, match=r"displacements are off by .* \(its conditioning allows"):
+                solver.solve(load)
+
+
+@pytest.mark.parametrize("thickness", [0.02, 1e-3, 4e-4], ids=["1:50", "1:1000", "1:2500"])
+def test_what_refinement_leaves_is_within_what_conditioning_allows(make_box, make_component, thickness):
+    operators = strip_operators(make_box, make_component, thickness)
+    x, _, z = operators.points.T
+    held = np.repeat(x < 1e-9, 3)
+    shape = np.zeros((len(held), 1))
+    shape[2::3, 0], shape[0::3, 0] = x**2, -2.0 * x * (z - z.mean())
+    with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
+        found = solver.solve(operators.apply_stiffness_precisely(shape))
+        error = np.abs(found - shape).max() / np.abs(shape).max()
+        assert error < max(solver.attainable_change, solver.roundoff if solver.roundoff <= NEGLIGIBLE_ROUNDOFF else 0.0)
