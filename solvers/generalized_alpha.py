@@ -6,7 +6,7 @@ matrix is scaled by ``h^2`` (Bottasso, Dopico and Trainelli 2008), which keeps i
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,10 +16,13 @@ from headstock.solvers.errors import ConvergenceError
 
 MAX_ITERATIONS = 12
 DIVERGED = 1e3  # correction over the size of positions from which Newton's method has lost its way
-LARGEST_GAIN = 1.5  # of the kinetic energy in a step past a singular pose
-SINGULAR_ADVICE = (
-    "near a singular pose a step that is smaller meets the same pose nearer: change the step by a few per cent, the start or the motion "
-    "asked for; if only the last digits are missing, ask for a larger tolerance; far from one, take a smaller step"
+WHOLE = 2**14  # smallest sub-steps in a step
+LOCAL_ERROR = 1e-3  # of a position over its size, from which a step is halved
+GROW = 16.0  # the error goes with the cube of the step: twice the step where its error will be half of what is allowed
+LARGEST_JUMP = 0.2  # of velocities in a step near a singular pose, beside what accelerations explain
+NEAR_SINGULAR = 1e-2  # smallest over largest singular value of the constraints near which motions may branch
+BRANCH_ADVICE = (
+    "pass it with more speed, start or drive it a little beside it, or add a spring or a constraint that chooses one of the motions"
 )
 UNDETERMINED = 1e-13  # singular value of Newton's matrix over the largest, below which a motion is not determined
 MEASURE_EVERY = 16  # steps between two looks at how fast Newton's method converges
@@ -91,6 +94,34 @@ class AlphaScheme:
         return 0.25 * (self.gamma + 0.5) ** 2
 
 
+@dataclass(frozen=True, eq=False)
+class _March:
+    """Where a march stands: what the next step starts from, and how it is cut.
+
+    Attributes:
+        state: Reached.
+        auxiliary: ``(n,)`` averaged acceleration.
+        step: Length of the last sub-step, to which ``auxiliary`` belongs [s].
+        share: Of a whole step that the next sub-step takes, in units of its smallest share.
+        shrinking: By how much a correction of Newton's method was smaller than the one before, when that was last measured.
+    """
+
+    state: MotionState
+    auxiliary: FloatArray
+    step: float
+    share: int
+    shrinking: float
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """How a march is carried out: scheme, tolerance of Newton's method, and the local error allowed."""
+
+    scheme: AlphaScheme
+    tolerance: float
+    accuracy: float
+
+
 def integrate_motion(
     problem: ConstrainedProblem,
     start: MotionState,
@@ -100,56 +131,103 @@ def integrate_motion(
     observe: Callable[[MotionState], None],
     scheme: AlphaScheme | None = None,
     tolerance: float = 1e-13,
+    accuracy: float = LOCAL_ERROR,
 ) -> MotionState:
-    """March from a consistent start; every state is shown to an observer.
+    """March from a consistent start; the state at the end of every step is shown to an observer.
+
+    A step is halved, and its halves again, where Newton's method does not converge, where the local error is larger than
+    allowed, or where velocities jump near a singular pose; sub-steps grow again after that.
 
     Args:
         problem: What is solved.
         start: Consistent in position, velocity and acceleration.
         step: Time step [s].
         count: How many.
-        observe: Called after every step.
+        observe: Called after every step, not after its sub-steps.
         scheme: Numerical damping.
         tolerance: Newton's last correction of a position, in the unit of positions.
+        accuracy: Largest local error of a position over ``1 + `` the largest position. The default only catches steps that lose
+            their way; a smaller one makes the march adaptive.
 
     Returns:
         The last state.
 
     Raises:
-        ConvergenceError: Newton's method fails in a step; says when.
+        ConvergenceError: The smallest sub-step fails; says when, and whether the motion branches there.
+
+    Source: Zienkiewicz and Xie (1991) (local error from the change of accelerations).
     """
-    chosen = scheme or AlphaScheme()
-    state, auxiliary, shrinking = start, start.acceleration, np.inf
+    rules = _Rules(scheme or AlphaScheme(), tolerance, accuracy)
+    march = _March(start, start.acceleration, step, WHOLE, np.inf)
     for number in range(count):
-        time = start.time + (number + 1) * step
         if number % MEASURE_EVERY == 0:
-            shrinking = np.inf
-        before, how, when = (state, auxiliary), (chosen, tolerance), (time, step)
+            march = replace(march, shrinking=np.inf)
+        march = _take_step(problem, march, (start.time + number * step, start.time + (number + 1) * step), rules)
+        observe(march.state)
+    return march.state
+
+
+def _take_step(problem: ConstrainedProblem, march: _March, span: tuple[float, float], rules: _Rules) -> _March:
+    """One whole step, in one or in as many sub-steps as it takes."""
+    done, (begin, end) = 0, span
+    while done < WHOLE:
+        share = march.share
+        time = end if done + share == WHOLE else begin + (done + share) / WHOLE * (end - begin)
+        length = share / WHOLE * (end - begin)
         try:
-            state, auxiliary, shrinking = _advance(problem, before, when, how, shrinking)
-        except ConvergenceError:
-            state, auxiliary, shrinking = _pass_singular(problem, before, when, how)
-        observe(state)
-    return state
+            tried, error = _try_step(problem, march, (time, length), rules)
+        except ConvergenceError as failure:
+            if share == 1:
+                raise ConvergenceError(_explain(problem, march.state, failure)) from failure
+            march = replace(march, share=share // 2, shrinking=np.inf)
+            continue
+        done += share
+        grows = share < WHOLE and error < rules.accuracy / GROW and done % (2 * share) == 0
+        march = replace(tried, share=2 * share, shrinking=np.inf) if grows else tried
+    return march
 
 
-def _pass_singular(
-    problem: ConstrainedProblem,
-    before: tuple[MotionState, FloatArray],
-    when: tuple[float, float],
-    how: tuple[AlphaScheme, float],
-) -> tuple[MotionState, FloatArray, float]:
-    """A step that a single matrix does not carry, since the constraints turn within it: a matrix for each correction.
+def _try_step(problem: ConstrainedProblem, march: _March, when: tuple[float, float], rules: _Rules) -> tuple[_March, float]:
+    """A sub-step and its local error over the size of positions.
 
     Raises:
-        ConvergenceError: That fails too, or ends in a jump of the velocities, which no force explains.
+        ConvergenceError: Newton's method fails with a matrix for each correction too, or the step is too coarse.
     """
-    after, auxiliary, _ = _advance(problem, before, when, how, np.inf, full=True)
-    mass = problem.linearise(after).mass
-    old, new = (float(state.velocity @ mass @ state.velocity) for state in (before[0], after))
-    if not new <= LARGEST_GAIN * old:
-        raise ConvergenceError(f"the velocities jump in the step to t = {when[0]:.6g} s; {SINGULAR_ADVICE}")
-    return after, auxiliary, np.inf
+    length, old = when[1], march.state
+    # the auxiliary acceleration lies a share of the last step beside the state
+    auxiliary = old.acceleration + length / march.step * (march.auxiliary - old.acceleration)
+    how = (rules.scheme, rules.tolerance)
+    try:
+        new, averaged, shrinking = _advance(problem, (old, auxiliary), when, how, march.shrinking)
+    except ConvergenceError:
+        new, averaged, _ = _advance(problem, (old, auxiliary), when, how, np.inf, full=True)
+        shrinking = np.inf
+    change = float(np.abs(new.acceleration - old.acceleration).max(initial=0.0))
+    error = abs(rules.scheme.beta - 1.0 / 6.0) * length**2 * change / (1.0 + float(np.abs(new.position).max(initial=0.0)))
+    if not error <= rules.accuracy:
+        raise ConvergenceError(f"the local error of the step to t = {when[0]:.6g} s is {error:.2g}, wanted {rules.accuracy:.2g}")
+    fastest = max(float(np.abs(state.velocity).max(initial=0.0)) for state in (old, new))
+    if length * change > LARGEST_JUMP * fastest and _dependence(problem, new) < NEAR_SINGULAR:
+        raise ConvergenceError(f"the velocities jump in the step to t = {when[0]:.6g} s")
+    return _March(new, averaged, length, march.share, shrinking), error
+
+
+def _dependence(problem: ConstrainedProblem, state: MotionState) -> float:
+    """Smallest over largest singular value of the constraints' Jacobian: zero where one follows from others; inf without any."""
+    values = np.linalg.svd(problem.linearise(state).constraints, compute_uv=False)
+    return float(values[-1] / values[0]) if len(values) else np.inf
+
+
+def _explain(problem: ConstrainedProblem, state: MotionState, failure: ConvergenceError) -> str:
+    """Why a march ends, by what the constraints are like where it does."""
+    ratio = _dependence(problem, state)
+    parts = f"{failure}; steps were halved down to 1/{WHOLE} of the step asked for"
+    if ratio < NEAR_SINGULAR:
+        return (
+            f"{parts}. After t = {state.time:.6g} s the mechanism is in a singular pose, or very near one (smallest over largest singular "
+            f"value of the constraints: {ratio:.1g}), and more than one motion can go on from there: {BRANCH_ADVICE}"
+        )
+    return f"{parts}. The pose is not singular: look for forces that jump or a start that violates the constraints, or take a smaller step"
 
 
 def _advance(
@@ -200,7 +278,7 @@ def _advance(
             return state, rest + share * state.acceleration, measured
         last = size
     raise ConvergenceError(
-        f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g}; {SINGULAR_ADVICE}"
+        f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g}"
     )
 
 
