@@ -11,8 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from headstock.app.console import sort_shares
-from headstock.app.summary_tables import static_by_pose
+from headstock.app.summary_tables import sort_shares, static_by_pose
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.mode_files import file_stem
 

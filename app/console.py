@@ -24,6 +24,7 @@ from headstock.app.error_texts import (
     show_digits,
     show_span,
 )
+from headstock.app.summary_tables import sort_shares
 from headstock.geometry.machines import show_position
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.scene import Scene
@@ -135,11 +136,6 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
 def spaced(count: int) -> str:
     """A count in groups of three digits."""
     return f"{count:,}".replace(",", " ")
-
-
-def sort_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
-    """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
-    return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
 
 
 def _static_by_pose(summary: Json) -> dict[str, Any]:

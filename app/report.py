@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from headstock.app.console import shared_budget, sort_shares
+from headstock.app.console import shared_budget
 from headstock.app.error_texts import (
     NO_BOUND,
     error_words,
@@ -33,7 +33,7 @@ from headstock.app.report_frf import draw_overlay, draw_response, has_more_field
 from headstock.app.report_map import draw_map, map_layers
 from headstock.app.report_notes import judge_numbers
 from headstock.app.report_path import draw_path
-from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, static_by_pose
+from headstock.app.summary_tables import DIRECTIONS, encode_csv, list_tables, sort_shares, static_by_pose
 from headstock.app.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.geometry.machines import show_position
 from headstock.pipeline.frf_results import ResponseCurves

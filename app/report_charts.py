@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
-from headstock.app.console import sort_shares
+from headstock.app.summary_tables import sort_shares
 from headstock.pipeline.json_texts import Json
 
 SHOWN_SHARE = 0.005

@@ -14,8 +14,9 @@ from headstock.geometry.components import Component
 from headstock.geometry.interface_suggestions import SuggestedInterface, suggest_interfaces
 from headstock.geometry.skins import Skin
 from headstock.geometry.solids import StepFile
-from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
+from headstock.meshing.cad_survey import CadSurvey, survey_step
 from headstock.meshing.mesh_skins import unmeshed_skin
+from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.outputs import check_output, prepare_output, write_output
 from headstock.pipeline.scene import Scene

@@ -12,15 +12,16 @@ import click
 import numpy as np
 
 from headstock.app.console import make_console
+from headstock.app.editor_schema import scene_schema
 from headstock.app.showing import STEP_SUFFIXES, format_suggestions
 from headstock.geometry.cad_faces import CadFace, name_faces
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.interface_suggestions import SuggestedInterface, suggest_interfaces
 from headstock.geometry.solids import StepFile
-from headstock.meshing.cad_survey import CadSurvey, doubt_size, survey_step
+from headstock.meshing.cad_survey import CadSurvey, survey_step
 from headstock.meshing.component_meshing import mesh_component
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.editor_schema import scene_schema
+from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.json_texts import dump_json
 from headstock.pipeline.scene_loader import load_scene
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from headstock.app.console import sort_shares
 from headstock.app.error_texts import bound_size
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.mode_files import file_stem
@@ -178,3 +177,8 @@ def _probe_table(pose: str, probes: Json) -> PlainTable:
         for name, probe in probes.items()
     )
     return PlainTable(f"probes_{file_stem(pose)}", headings, rows)
+
+
+def sort_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
+    """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
+    return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))

@@ -111,8 +111,8 @@ def schema(
     """Print the JSON schema of scene files, or of target files, for editors."""
 
     def action() -> int:
+        from headstock.app.editor_schema import plain_schema, scene_schema, targets_schema
         from headstock.app.scene_reference import render_reference
-        from headstock.pipeline.editor_schema import plain_schema, scene_schema, targets_schema
         from headstock.pipeline.json_texts import dump_json
 
         content = scene_schema() if kind is SchemaKind.scene else targets_schema()

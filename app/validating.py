@@ -16,9 +16,8 @@ from headstock.app.validation_table import print_validation
 from headstock.pipeline.outputs import claim_output, write_beside, write_output
 from headstock.validation.case_registry import Case
 from headstock.validation.case_rows import ValidationRow
-from headstock.validation.errors import UnknownCaseError
 from headstock.validation.row_files import rows_as_json
-from headstock.validation.validation_runs import run_validation
+from headstock.validation.validation_runs import UnknownCaseError, run_validation
 
 FIGURES_MODULE = "headstock.app.axis_kit_charts"
 

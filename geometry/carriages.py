@@ -1,5 +1,6 @@
 """Where the carriages of a machine stand on their rails in a pose."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,10 @@ from headstock.geometry.mass_properties import interface_moment
 from headstock.geometry.patches import Span
 from headstock.geometry.rail_spans import rail_span
 from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
+
+DEGREE = 3  # of the splines along a rail
+OVERHANG_TOLERANCE = 1e-9
+LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
 
 
 @dataclass(frozen=True)
@@ -89,3 +94,8 @@ def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Map
         return None
     moment = interface_moment(component.solid, interface)
     return None if moment is None else np.asarray(now.origin + now.rotation @ moment[1])
+
+
+def count_stations(span: float, length: float, intervals: float) -> int:
+    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs."""
+    return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE

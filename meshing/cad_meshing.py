@@ -12,7 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
-from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
 from headstock.meshing.crowded_faces import (
     add_growth_fields,
     describe_short_edges,
@@ -44,7 +44,7 @@ from headstock.meshing.sizing import (
 )
 from headstock.meshing.sliver_faces import refuse_slivers, remove_narrow_features
 from headstock.meshing.solid_shapes import Shape, build_shape
-from headstock.meshing.surface_gaps import PLACES, CurvedFacets, facet_places
+from headstock.meshing.surface_gaps import PLACES, facet_places
 
 SOLIDS: dict[str, type[Shape]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile)}
 HXT, DELAUNAY = 10, 1

@@ -43,6 +43,21 @@ class MeshQuality:
 
 
 @dataclass(frozen=True, eq=False)
+class CurvedFacets:
+    """Facets on curved faces, and where those faces lie.
+
+    Attributes:
+        nodes: ``(n, nodes per facet)`` gmsh order, in any orientation.
+        nearest: ``(n, q, 3)`` points of the CAD face that are nearest to the quadrature places of each facet.
+        shares: ``(n,)`` how many facets each stands for.
+    """
+
+    nodes: IntArray
+    nearest: FloatArray
+    shares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceGaps:
     """What lies between the facets of a mesh and the curved faces of its part.
 

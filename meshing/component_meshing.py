@@ -30,10 +30,10 @@ from headstock.meshing.sizing import (
     round_length,
     thinnest_feature,
 )
+from headstock.meshing.step_units import STEP_UNIT
 
 # Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are absolute
 JOB_EXTENT = 1000.0
-STEP_UNIT = 1e-3
 DESCRIBE_TIME_LIMIT = 120.0
 LINE_LIKE = 1e-4
 # imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed mesh costs less than a fine one

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from headstock.geometry.components import Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mass_properties import SolidProperties
-from headstock.meshing.component_mesh import CellKind, IntArray
-from headstock.meshing.surface_gaps import CurvedFacets
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
 
 
 @dataclass(frozen=True)

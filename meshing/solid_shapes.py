@@ -7,8 +7,8 @@ import gmsh
 
 from headstock.geometry.patches import column_cells, planar_boxes
 from headstock.geometry.solids import Box, HollowColumn, Plate, StepFile, Tube
-from headstock.meshing.cad_survey import STEP_UNIT, doubt_size
 from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.step_units import STEP_UNIT, doubt_size
 
 Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]

@@ -1,32 +1,15 @@
 """How far the curved faces of a part lie from its mesh: elements cut them short."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.component_mesh import IntArray, SurfaceGaps
+from headstock.meshing.component_mesh import CurvedFacets, IntArray, SurfaceGaps
 from headstock.meshing.element_quality import facet_tables
 from headstock.meshing.mesh_surface import MeshSurface, corner_normals, find_facets
 
 PLACES = 3  # places along each side of a facet: gaps of second-order facets are of the fourth degree
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must tell to
-
-
-@dataclass(frozen=True, eq=False)
-class CurvedFacets:
-    """Facets on curved faces, and where those faces lie.
-
-    Attributes:
-        nodes: ``(n, nodes per facet)`` gmsh order, in any orientation.
-        nearest: ``(n, q, 3)`` points of the CAD face that are nearest to the quadrature places of each facet.
-        shares: ``(n,)`` how many facets each stands for.
-    """
-
-    nodes: IntArray
-    nearest: FloatArray
-    shares: FloatArray
 
 
 def facet_places(points: FloatArray, facets: IntArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import math
 
-from headstock.geometry.carriages import Carriage, place_carriages
+from headstock.geometry.carriages import LEAST_INTERVALS, Carriage, count_stations, place_carriages
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine, Pose
 from headstock.geometry.prismatic_solids import prismatic_bar
@@ -15,7 +15,6 @@ from headstock.pipeline.scene_schema import SceneTable
 from headstock.pipeline.schema_components import ComponentTable, InterfaceTable
 from headstock.pipeline.schema_connections import JointTable
 from headstock.pipeline.toml_positions import KeyPath
-from headstock.reduction.rails import LEAST_INTERVALS, count_stations
 
 DEFAULT_INTERVALS = 2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
 SLACK = 1e-9

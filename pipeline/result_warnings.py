@@ -4,8 +4,8 @@ import numpy as np
 
 from headstock.geometry.components import Component
 from headstock.geometry.solids import StepFile
-from headstock.meshing.cad_survey import doubt_size
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
+from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.error_estimates import REDUCTION
 from headstock.pipeline.reach_warnings import warn_of_cutoff, warn_of_mesh
 from headstock.pipeline.run_state import ReducedComponent, RunState

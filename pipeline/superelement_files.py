@@ -9,13 +9,14 @@ import h5py
 import numpy as np
 import scipy.linalg
 
+from headstock.geometry.carriages import DEGREE
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.guarded_process import ChildLimits, run_guarded
 from headstock.pipeline.outputs import write_output
 from headstock.pipeline.provenance import Provenance
 from headstock.pipeline.record_files import RecordError, read_record, require_plain, write_record, write_words
-from headstock.reduction.rails import DEGREE, STATION_DOFS
+from headstock.reduction.rails import STATION_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
 

@@ -6,10 +6,11 @@ import numpy as np
 import scipy.linalg
 from scipy.interpolate import BSpline
 
+from headstock.geometry.carriages import DEGREE
 from headstock.geometry.components import Interface
 from headstock.geometry.frames import FloatArray, skew
 from headstock.reduction.interface_patches import MeshPatch
-from headstock.reduction.rails import DEGREE, STATION_DOFS, place_knots, station_points
+from headstock.reduction.rails import STATION_DOFS, place_knots, station_points
 from headstock.solvers.errors import ModelError
 
 # of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the stations apart, 1e6 where it just fails to

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
+from headstock.geometry.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations
 from headstock.geometry.components import Component, Interface
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
 from headstock.geometry.rail_spans import rail_span
 from headstock.solvers.errors import ModelError
 
-DEGREE = 3
 STATION_DOFS = 4
-OVERHANG_TOLERANCE = 1e-9
-LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
@@ -84,11 +82,6 @@ def place_knots(low: float, high: float, stations: int) -> FloatArray:
         raise ValueError(f"a rail needs at least {DEGREE + 1} stations, not {stations}")
     inner = np.linspace(low, high, stations - DEGREE + 1)
     return np.concatenate([np.full(DEGREE, low), inner, np.full(DEGREE, high)])
-
-
-def count_stations(span: float, length: float, intervals: float) -> int:
-    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs."""
-    return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE
 
 
 def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:

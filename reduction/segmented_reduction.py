@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from headstock.geometry.carriages import DEGREE
 from headstock.geometry.components import Component, Load
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_transfer
 from headstock.geometry.mass_properties import SolidProperties
@@ -16,7 +17,7 @@ from headstock.geometry.prismatic_solids import prismatic_bar
 from headstock.geometry.skins import Skin
 from headstock.geometry.solid_skins import prism_skin
 from headstock.geometry.solids import Tube
-from headstock.reduction.rails import DEGREE, Rail, lay_out_rail, station_motion
+from headstock.reduction.rails import Rail, lay_out_rail, station_motion
 from headstock.reduction.segment_chain import chain_stiffness, section_motion
 from headstock.reduction.segment_interfaces import SegmentedBar, attach_interfaces, surface_motion, traction_load
 from headstock.reduction.segment_springs import segment_mass

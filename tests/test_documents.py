@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from headstock.app.editor_schema import plain_schema, targets_schema
 from headstock.app.scene_reference import render_reference
-from headstock.pipeline.editor_schema import plain_schema, targets_schema
 from headstock.pipeline.key_notes import NOTES
 from headstock.pipeline.scene_loader import load_scene
 

@@ -3,6 +3,12 @@
 from collections import Counter
 from dataclasses import dataclass, field
 
+from headstock.geometry.errors import HeadstockError
+
+
+class CampaignError(HeadstockError):
+    """A fault campaign found something torn, wrong or left behind."""
+
 
 @dataclass
 class CampaignOutcome:

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError
 
 VARIANTS = ("steel", "iron")
 SCENE = """

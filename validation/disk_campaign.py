@@ -8,10 +8,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from headstock.validation.campaign_outcome import CampaignOutcome
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.disk_resume_trials import RESUMED, ResumeTrials
 from headstock.validation.disk_run_trials import RunTrials
-from headstock.validation.errors import CampaignError
 from headstock.validation.small_disks import enter_own_view
 
 MODULE = "headstock.validation.disk_campaign"

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from headstock.pipeline.outputs import LIST_FILE
+from headstock.validation.campaign_outcome import CampaignError
 from headstock.validation.campaign_runs import wait_for_end
 from headstock.validation.disk_run_trials import MOST_ROOM, SHARED, TEMPORARY, require_named
-from headstock.validation.errors import CampaignError
 from headstock.validation.file_checks import check_file
 from headstock.validation.limited_rooms import limited_room
 from headstock.validation.resume_campaign import SCENE as LONG_SCENE

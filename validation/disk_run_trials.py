@@ -3,8 +3,8 @@
 import shutil
 from pathlib import Path
 
+from headstock.validation.campaign_outcome import CampaignError
 from headstock.validation.campaign_runs import VARIANTS, Numbers, Places, finish_run, make_places, read_numbers
-from headstock.validation.errors import CampaignError
 from headstock.validation.file_checks import check_files
 from headstock.validation.limited_rooms import limited_room
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import h5py
 
 from headstock.pipeline.outputs import LIST_FILE
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PAGE_START, PAGE_END = b"<!doctype html>", b"</script>\n</body>\n</html>"

@@ -16,8 +16,7 @@ from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.superelement_files import read_superelement
 from headstock.pipeline.target_files import load_targets
-from headstock.validation.campaign_outcome import CampaignOutcome
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.sample_files import write_samples
 from headstock.validation.scene_fuzz import MACHINES
 from headstock.validation.text_mutations import mutate_bytes, mutate_text

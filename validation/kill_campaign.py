@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from headstock.validation.campaign_outcome import CampaignOutcome
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.campaign_runs import (
     VARIANTS,
     Numbers,
@@ -21,7 +21,6 @@ from headstock.validation.campaign_runs import (
     start_run,
     wait_for_end,
 )
-from headstock.validation.errors import CampaignError
 from headstock.validation.file_checks import check_files
 
 SETTLE_SECONDS = 10.0

@@ -8,6 +8,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from headstock.geometry.components import Component
+from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.solids import Box
 from headstock.pipeline.results import Results
@@ -15,7 +16,6 @@ from headstock.pipeline.scene import Scene
 from headstock.pipeline.study_records import StudyRecord
 from headstock.pipeline.study_tables import median_seconds
 from headstock.validation.beam_mode_pairing import pair_modes, read_shape, section_motions
-from headstock.validation.errors import LadderError
 from headstock.validation.ladder_references import FORCE, MOMENT, OFFSET, UM, Group, LadderBeam, ladder_beam
 
 LadderKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
@@ -23,6 +23,10 @@ KINDS: tuple[LadderKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", 
 LINEAR: tuple[LadderKind, ...] = ("wilson8", "tet4", "hex8")
 QUADRATIC: tuple[LadderKind, ...] = ("tet10", "hex27")
 SAME = 1e-6
+
+
+class LadderError(HeadstockError):
+    """A scene is not what a published study is about."""
 
 
 @dataclass(frozen=True, eq=False)

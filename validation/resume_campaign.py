@@ -16,9 +16,8 @@ import h5py
 import numpy as np
 
 from headstock.pipeline.pose_journals import count_poses
-from headstock.validation.campaign_outcome import CampaignOutcome
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.campaign_runs import wait_for_end
-from headstock.validation.errors import CampaignError
 
 SCENE = """
 name = "Resumed"

@@ -16,8 +16,7 @@ from headstock.pipeline.provenance import PROJECT
 from headstock.pipeline.resources import peak_memory_mb
 from headstock.pipeline.scene_errors import SceneError
 from headstock.pipeline.scene_loader import load_scene
-from headstock.validation.campaign_outcome import CampaignOutcome
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.text_mutations import mutate_text
 
 MACHINES = PROJECT / "machines"

@@ -15,8 +15,7 @@ from pathlib import Path
 import h5py
 
 from headstock.pipeline.provenance import PROJECT
-from headstock.validation.campaign_outcome import CampaignOutcome
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.slurm_daemons import require_daemons, run_slurm
 
 SCENE, SWEEP = PROJECT / "machines" / "three_axis.toml", "workspace"

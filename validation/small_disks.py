@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from headstock.validation.errors import CampaignError
+from headstock.validation.campaign_outcome import CampaignError
 
 MOUNT, UNMOUNT = "mount", "umount2"
 BIND, DETACH = 4096, 2  # MS_BIND, MNT_DETACH

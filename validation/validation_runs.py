@@ -8,7 +8,10 @@ from mpi4py import MPI
 from headstock.geometry.errors import HeadstockError
 from headstock.validation.case_registry import CASES, Case, case_names, group_names
 from headstock.validation.case_rows import ValidationRow, failed_computation
-from headstock.validation.errors import UnknownCaseError
+
+
+class UnknownCaseError(ValueError):
+    """A case or group was asked for that does not exist; the message lists those that do (bad input, exit code 2)."""
 
 
 def select_cases(names: Sequence[str]) -> list[Case]:

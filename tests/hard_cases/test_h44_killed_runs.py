@@ -10,8 +10,8 @@ import pytest
 
 from headstock.pipeline.outputs import LIST_FILE
 from headstock.validation import kill_campaign
+from headstock.validation.campaign_outcome import CampaignError
 from headstock.validation.campaign_runs import Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
-from headstock.validation.errors import CampaignError
 from headstock.validation.kill_campaign import check_remains, run_kill_campaign
 
 KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}

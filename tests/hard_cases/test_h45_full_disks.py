@@ -12,10 +12,10 @@ from mpi4py import MPI
 from headstock.app.guard import run_guarded
 from headstock.app.studying import StudyRequest, study_request
 from headstock.app.sweeping import SweepRequest, sweep_request
+from headstock.validation.campaign_outcome import CampaignError
 from headstock.validation.campaign_runs import VARIANTS, finish_run, make_places, read_numbers
 from headstock.validation.disk_campaign import run_disk_campaign
 from headstock.validation.disk_resume_trials import OLD, ResumeTrials
-from headstock.validation.errors import CampaignError
 from headstock.validation.resume_campaign import SCENE
 
 LIGHT_SCENE = (

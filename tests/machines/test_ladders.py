@@ -10,10 +10,9 @@ from mpi4py import MPI
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.study_points import Study
 from headstock.pipeline.study_runs import StudyJob, hash_scene, run_study
-from headstock.validation.errors import LadderError
 from headstock.validation.kono_claims import judge_ladder, judge_own
 from headstock.validation.ladder_deviations import deviations, pick_rungs, worst_of
-from headstock.validation.ladder_points import collect_points, measure_beam
+from headstock.validation.ladder_points import LadderError, collect_points, measure_beam
 from headstock.validation.ladder_references import LadderBeam, ladder_beam
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"

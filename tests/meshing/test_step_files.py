@@ -8,11 +8,12 @@ import pytest
 
 from headstock.geometry.components import Component, Patch
 from headstock.geometry.solids import StepFile
-from headstock.meshing.cad_survey import doubt_size, read_length_unit, survey_step
+from headstock.meshing.cad_survey import survey_step
 from headstock.meshing.component_meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
 from headstock.meshing.element_quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_checks import patch_moments
+from headstock.meshing.step_units import doubt_size, read_length_unit
 
 Make = Callable[..., Component]
 HOLE_AREA = 3 * np.pi * 6.0**2

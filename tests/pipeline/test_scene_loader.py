@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from headstock.app.editor_schema import scene_schema
 from headstock.geometry.components import Patch
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.joints import JointEnd
 from headstock.geometry.machines import Machine, place_components
 from headstock.geometry.solids import Box, HollowColumn, MeshFile, Plate, SuperelementFile, Tube
-from headstock.pipeline.editor_schema import scene_schema
 from headstock.pipeline.scene_loader import load_scene
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"

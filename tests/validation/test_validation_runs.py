@@ -7,8 +7,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.validation import validation_runs
 from headstock.validation.case_registry import CASES, Case, group_names
 from headstock.validation.case_rows import ValidationRow, judge_bound
-from headstock.validation.errors import UnknownCaseError
-from headstock.validation.validation_runs import run_validation, select_cases
+from headstock.validation.validation_runs import UnknownCaseError, run_validation, select_cases
 
 
 def test_case_names_are_unique_and_differ_from_group_names() -> None:

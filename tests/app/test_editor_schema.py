@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from headstock.app.command_line import main
-from headstock.pipeline.editor_schema import scene_schema, targets_schema
+from headstock.app.editor_schema import scene_schema, targets_schema
 from headstock.pipeline.joint_kinds import KINDS
 from headstock.pipeline.units import DIMENSIONS, LENGTH, PRESSURE, Dimension, UnitError, parse_quantity, quantity_pattern
 
 jsonschema = pytest.importorskip("jsonschema", reason="environment/tests.txt could not be installed")
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "pipeline" / "data"
 TARGETS = sorted((ROOT / "machines").glob("*_targets.toml"))
 SCENES = [
     *sorted(set((ROOT / "machines").glob("*.toml")) - set(TARGETS)),
