@@ -1,5 +1,6 @@
 """Variants side by side as the terminal shows them, and as CSV."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Console
@@ -7,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.console import make_console, make_table, print_table, spaced
-from headstock.app.error_texts import show_digits
+from headstock.app.error_texts import bound_size, error_words, largest_shares, show_bound, show_bounded, show_digits, show_size
 from headstock.app.summary_tables import PlainTable, encode_csv
 from headstock.pipeline.json_texts import Json
 from headstock.reduction.mode_naming import WHOLE_MACHINE
@@ -54,7 +55,8 @@ def print_comparison(summary: Json) -> None:
             _add_cells(table, f"{len(alike)} rigid-body modes, alike", [f"{min(span):.4g} .. {max(span):.4g}" for span in spans])
         for row in (row for row in summary["modes"] if row not in alike):
             origin = "" if row["origin"] == summary["reference"] else f" (first in {row['origin']})"
-            _add_cells(table, f"{row['name']}{origin}", [_mode_cell(row["variants"][name]) for name in variants])
+            cells = [_mode_cell(row["variants"][name], variant) for name, variant in variants.items()]
+            _add_cells(table, f"{row['name']}{origin}", cells)
         table.add_section()
         _add_cells(table, "largest deviation", [_largest_deviation(summary, name) for name in variants])
         _add_cells(table, "modes it misses, adds", [_missed_and_added(summary, name) for name in variants])
@@ -67,6 +69,22 @@ def print_comparison(summary: Json) -> None:
     _add_cells(table, "seconds from scene to modes", [f"{e['seconds']['total']:.2f}\n{describe_store(e)}" for e in efforts])
     print_table(console, f"{summary['scene']}: variants in pose {summary['pose']}, held against {summary['reference']}", table)
     _print_notes(console, summary)
+
+
+def states_errors(sizes: Iterable[float | None]) -> bool:
+    """Whether any of the errors of a variant's frequencies, or of a point's compliances, is known; else nothing stands behind them."""
+    return any(size is not None for size in sizes)
+
+
+def variant_error_words(summary: Json) -> list[str]:
+    """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
+    owners: dict[str, list[str]] = {}
+    for name, variant in summary["variants"].items():
+        found = largest_shares(variant) if states_errors(variant["error_hz"]) else {}
+        sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
+        words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
+        owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
+    return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
 
 
 def alike_rigid_modes(summary: Json) -> list[Json]:
@@ -83,6 +101,8 @@ def _print_notes(console: Console, summary: Json) -> None:
         f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row{apart}."
     )
     console.print(text, markup=False)
+    for words in variant_error_words(summary):
+        console.print(words, markup=False)
     for name, variant in summary["variants"].items():
         for failure in variant["failures"]:
             console.print(f"failed: {name}: {failure}", style="bold red", markup=False)
@@ -108,21 +128,20 @@ def print_effort(summary: Json) -> None:
 def comparison_csv(summary: Json) -> dict[str, bytes]:
     """File stem to CSV: modes, compliances and variants, unrounded."""
     names = list(summary["variants"])
-    parts = ("number", "frequency_hz", "deviation", "mac")
-    labels = ("number in {}", "{} [Hz]", "{} deviation", "{} MAC")
+    labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
     modes = PlainTable(
         "modes",
         ("mode", "origin", *(label.format(name) for name in names for label in labels)),
         tuple(
-            (row["name"], row["origin"], *((row["variants"][name] or {}).get(part) for name in names for part in parts))
+            (row["name"], row["origin"], *(item for name in names for item in _list_cell(row["variants"][name])))
             for row in summary["modes"]
         ),
     )
     compliances = PlainTable(
         "compliances",
-        ("point", "motion in", "force in", *(f"{name} [um/kN]" for name in names)),
+        ("point", "motion in", "force in", *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))),
         tuple(
-            (point, a, b, *(_entry(summary, name, point, i, j) for name in names))
+            (point, a, b, *(item for name in names for item in _list_entry(summary, name, point, i, j)))
             for point in _points(summary)
             for j, b in enumerate(DIRECTIONS)
             for i, a in enumerate(DIRECTIONS)
@@ -154,6 +173,19 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
     return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
 
 
+def _list_cell(cell: Json | None) -> tuple[float | None, ...]:
+    if cell is None:
+        return (None,) * 5
+    return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
+
+
+def _list_entry(summary: Json, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
+    value = _entry(summary, name, point, row, column)
+    if value is None or row != column:
+        return value, None
+    return value, bound_size(value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]])
+
+
 def _add_heads(table: Table, title: str, cells: list[str]) -> None:
     table.add_row(Text(title, style="bold"), *(Text(cell, style="dim") for cell in cells))
 
@@ -168,9 +200,14 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
     _add_heads(table, f"Compliance at {point} [µm/kN]", [""] * len(variants))
     for j, direction in enumerate(DIRECTIONS):
         cells = []
-        for name in variants:
+        for name, variant in variants.items():
             value, first = _entry(summary, name, point, j, j), _entry(summary, summary["reference"], point, j, j)
-            cells.append(MISSING if value is None else f"{show_digits(value, 4)}{_percent(value, first)}")
+            if value is None:
+                cells.append(MISSING)
+                continue
+            errors = variant["static"][point]["error_um_per_kN"]
+            shown = _with_error(value, errors[direction], known=states_errors(errors.values()))
+            cells.append(f"{shown}{_percent(value, first)}")
         _add_cells(table, f"d{direction}/F{direction}", cells)
     for direction in DIRECTIONS:
         links = [(variant["static"].get(point) or {}).get("weak_link", {}).get(direction) for variant in variants.values()]
@@ -183,10 +220,16 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
         )
 
 
-def _mode_cell(cell: Json | None) -> str:
+def _with_error(value: float, error: float | None, *, known: bool) -> str:
+    """A value and what stands behind it; four digits where no error of the variant is known."""
+    return f"{show_bounded(value, error)} {show_bound(value, error)}" if known else show_digits(value, 4)
+
+
+def _mode_cell(cell: Json | None, variant: Json) -> str:
     if cell is None:
         return MISSING
-    shown = show_digits(cell["frequency_hz"], 4)
+    known = states_errors(variant["error_hz"]) and cell["number"] > variant["rigid_count"]
+    shown = _with_error(cell["frequency_hz"], cell["error_hz"], known=known)
     if cell["mac"] is None:
         return shown
     deviation = "" if cell["deviation"] is None else f"{100 * cell['deviation']:+.1f} %  "

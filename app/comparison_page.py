@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
-from headstock.app.comparison_listing import alike_rigid_modes, comparison_csv, describe_store
+from headstock.app.comparison_listing import alike_rigid_modes, comparison_csv, describe_store, variant_error_words
 from headstock.app.report import STYLE, read_asset, report_environment
 from headstock.pipeline.json_texts import Json
 
@@ -25,6 +25,7 @@ def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
         .render(
             s=summary,
             alike=alike_rigid_modes(summary),
+            error_notes=variant_error_words(summary),
             points=list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"])),
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
             downloads={name: base64.b64encode(table).decode() for name, table in comparison_csv(summary).items()},

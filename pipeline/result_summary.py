@@ -119,7 +119,7 @@ def _summarise_point(name: str, point: PointCompliance) -> Json:
         "error_um_per_kN": {
             direction: None if error.total is None else UM_PER_KN * error.total for direction, error in point.errors.items()
         },
-        "error_share": {direction: _scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()},
+        "error_share": {direction: scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()},
         "error_parts": {direction: _scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()},
         "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
     }
@@ -128,7 +128,8 @@ def _summarise_point(name: str, point: PointCompliance) -> Json:
     return summary
 
 
-def _scale_shares(error: Estimate, factor: float) -> Json:
+def scale_shares(error: Estimate, factor: float) -> Json:
+    """Source of error to its size in another unit."""
     return {source: None if size is None else factor * size for source, size in error.shares.items()}
 
 

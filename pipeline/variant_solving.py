@@ -3,7 +3,7 @@
 import dataclasses
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpi4py import MPI
@@ -11,6 +11,8 @@ from mpi4py import MPI
 from headstock.geometry.machines import Pose
 from headstock.pipeline.analysis_requests import ModalRequest
 from headstock.pipeline.component_stages import ELASTIC_MODULE
+from headstock.pipeline.error_estimates import Estimate
+from headstock.pipeline.machine_errors import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.planner import plan_scene
 from headstock.pipeline.rank_messages import share_from_root
 from headstock.pipeline.resources import Cost, measure
@@ -89,7 +91,9 @@ class VariantSolution:
         wanted: How many of them the scene asks for.
         points: Compliance and budget by point name; empty without a static analysis.
         weak_links: Point to direction to the part that gives most of the compliance.
-        effort: From scene to modes.
+        effort: From scene to modes, without error estimates.
+        mode_errors: An estimate [Hz] per natural frequency of ``modal``.
+        point_errors: Point to direction to an estimate [m/N] of the compliance along it.
         failures: Analyses that were refused, with the reason.
     """
 
@@ -103,6 +107,8 @@ class VariantSolution:
     points: dict[str, PointBudget]
     weak_links: dict[str, dict[str, WeakLink | None]]
     effort: Effort
+    mode_errors: tuple[Estimate, ...]
+    point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
     failures: tuple[str, ...] = ()
 
 
@@ -149,8 +155,9 @@ def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: 
         points={},
         weak_links={},
         effort=_add_steps(effort, costs),
+        mode_errors=() if modal is None else estimate_mode_errors(state, coupled, modal),
     )
-    return _with_compliances(solution, scene)
+    return _with_compliances(solution, state)
 
 
 def choose_pose(scene: Scene, name: str | None) -> Pose:
@@ -209,15 +216,17 @@ def _solve_modes(coupled: CoupledMachine, request: ModalRequest | None) -> tuple
     return modal, wanted
 
 
-def _with_compliances(solution: VariantSolution, scene: Scene) -> VariantSolution:
-    if scene.analyses.static is None:
+def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolution:
+    request = state.scene.analyses.static
+    if request is None:
         return solution
     try:
-        points = {name: point_budget(solution.coupled, name) for name in scene.analyses.static.at}
+        points = {name: point_budget(solution.coupled, name) for name in request.at}
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
     links = {
         name: {direction: find_weakest_link(solution.coupled, name, direction, budget) for direction in DIRECTIONS}
         for name, budget in points.items()
     }
-    return dataclasses.replace(solution, points=points, weak_links=links)
+    errors = {name: estimate_compliance_errors(state, solution.coupled, budget.displacements) for name, budget in points.items()}
+    return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)

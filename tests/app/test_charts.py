@@ -122,11 +122,15 @@ def make_comparison() -> dict:
             "compliance_um_per_kN": np.diag([1010.2, 2.0, 3.0]).tolist(),
             "compliance_6x6": np.eye(6).tolist(),
             "weak_link": dict.fromkeys("xyz"),
+            "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
         }
         seconds = dict.fromkeys(("load", "components", "couple", "modes", "total"), 1.0)
         effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
-        return {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}} | dict.fromkeys(
-            ("full_dofs", "reduced_dofs", "coupled_dofs"), 6
+        errors = {"error_hz": [0.5] * 4, "error_share": [{"reduction": 0.5}] * 4, "error_left_out": [], "rigid_count": 0}
+        return (
+            {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}}
+            | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
+            | errors
         )
 
     names = [f"variant_with_a_long_name_{number}" for number in range(7)]
@@ -135,7 +139,9 @@ def make_comparison() -> dict:
         {
             "name": f"part bends {number}",
             "origin": names[0],
-            "variants": {name: {"number": number + 1, "frequency_hz": value, "deviation": 0.0, "mac": 1.0} for name in names},
+            "variants": {
+                name: {"number": number + 1, "frequency_hz": value, "error_hz": 0.5, "deviation": 0.0, "mac": 1.0} for name in names
+            },
         }
         for number, value in enumerate(hz)
     ]

@@ -1,13 +1,19 @@
 """``headstock compare`` prints one table, writes its files, and refuses what it cannot do before it begins."""
 
 import csv
+import html
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from headstock.app.command_line import main
+from headstock.app.error_texts import show_bound, show_bounded
+from headstock.geometry.components import Component
+from headstock.reduction import elastic_reduction
+from headstock.reduction.superelement import Superelement
 
 SCENE = """
 name = "A bar on springs"
@@ -157,3 +163,69 @@ def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     scene = Path(__file__).parents[2] / "machines" / "tripteor.toml"
     assert main(["compare", str(scene), "-o", str(tmp_path / "out")]) == 2
     assert "lumped mechanism" in capsys.readouterr().err
+
+
+def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elastic = 'fidelity = "elastic"\nmesh = { size = "20 mm", cells = "hex" }\nreduction = { modes = 10 }'
+    scene.write_text(SCENE.replace('fidelity = "segmented"', elastic))
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "--variants", "as written,R", "-o", str(out)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures"]) == 0
+    summary, alone = (json.loads(path.read_text()) for path in (out / "compare.json", tmp_path / "run" / "summary.json"))
+    variant, rigid = (summary["variants"][name] for name in ("as written", "R"))
+    modes, point = alone["modal"][0], alone["static"]["tcp"]
+    # the same estimates, but for more modes kept in the search
+    assert variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6) and min(variant["error_hz"]) > 0.0
+    assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(point["error_um_per_kN"], rel=1e-6)
+    assert max(rigid["error_hz"]) < 1e-9 and rigid["error_left_out"] == ["rigid model of bar"]
+    page = html.unescape((out / "compare.html").read_text())
+    for hz, error in zip(variant["frequencies_hz"], variant["error_hz"], strict=True):
+        assert f"{show_bounded(hz, error)} {show_bound(hz, error)}" in printed
+        assert f'<data class="bound" value="{error!r}">' in page
+    for direction, error in variant["static"]["tcp"]["error_um_per_kN"].items():
+        place = "xyz".index(direction)
+        value = variant["static"]["tcp"]["compliance_um_per_kN"][place][place]
+        assert f"{show_bounded(value, error)} {show_bound(value, error)}" in printed
+        assert f'<data class="bound" value="{error!r}">' in page
+    for text in (
+        "as written: ± covers 95 % of errors, from discretisation up to",
+        "R: ± covers 95 % of errors, from reduction up to",
+    ):
+        assert text in printed and text in page
+    assert printed.count("not in ±: rigid model of bar") == 1 and "± ?" not in printed
+    with (out / "modes.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float(row["as written ± [Hz]"]) >= variant["error_hz"][0] and float(row["R ± [Hz]"]) <= 0.01
+    with (out / "compliances.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["as written ± [um/kN]"]]
+    assert [(row["motion in"], row["force in"]) for row in rows] == [(d, d) for d in "xyz"]
+
+
+def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_has_them(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # responses call for more modes than the modal analysis
+    elastic = 'fidelity = "elastic"\nmesh = { size = "40 mm", cells = "hex" }'
+    responses = '[analyses.frf]\nto = "6 kHz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
+    scene.write_text(SCENE.replace('fidelity = "segmented"', elastic) + responses)
+    reductions: list[str] = []
+    reduce = elastic_reduction.reduce_elastic
+
+    def count(component: Component, *rest: Any, **settings: Any) -> Superelement:
+        reductions.append(component.name)
+        return reduce(component, *rest, **settings)
+
+    monkeypatch.setattr(elastic_reduction, "reduce_elastic", count)
+    for variant in ([], ["--variant", "thick"]):
+        assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures", *variant]) == 0
+    assert len(reductions) == 2
+    assert main(["compare", str(scene), "--set", "analyses.frf=false", "-o", str(tmp_path / "out")]) == 0
+    assert len(reductions) == 2
+    compared = json.loads((tmp_path / "out" / "compare.json").read_text())["variants"]
+    ran = json.loads((tmp_path / "run" / "summary.json").read_text())["components"]["bar"]
+    assert compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]  # what is stored is richer than what is asked for
+    efforts = [variant["effort"] for variant in compared.values()]
+    assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [(1, 1), (0, 0), (1, 1)]
