@@ -169,6 +169,15 @@ def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> No
     assert '<data class="bound" value="0.25">0.25</data>' in changed
 
 
+def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(tmp_path: Path) -> None:
+    command = ["run", str(MACHINES / "tripteor.toml"), "--analysis", "static", "--no-figures", "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    page = Page((tmp_path / "out" / "report.html").read_text())
+    compliance = read_summary(tmp_path / "out")["static"]["tcp"]["compliance_um_per_kN"]
+    assert page.bounds == []
+    assert {compliance[place][place] for place in range(3)} <= {value for value, _ in page.numbers}
+
+
 def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(run_folder: Path) -> None:
     summary = read_summary(run_folder)
     names, hz = ["free X translation of a", "whole machine moves Y on m", "a bends X"], [0.0, 2.0, 87.5]
