@@ -29,16 +29,20 @@ from headstock.meshing.curvature_sizing import (
 from headstock.meshing.element_quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.mesh_job import MeshData, MeshJob, read_patch
-from headstock.meshing.patch_grading import add_grading_fields, count_rim_cells
+from headstock.meshing.patch_grading import add_grading_fields, count_graded_cells
 from headstock.meshing.patch_imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,
     LARGEST_SHARE,
+    NARROW_GROWTH,
+    NARROW_PATCH,
+    PATCH_CELLS,
     SIZE_STEP,
     SMALLEST_SIZE,
     budget_message,
     default_size,
+    dense_patch_message,
     estimate_behind_faces,
     estimate_tets,
 )
@@ -88,7 +92,11 @@ def mesh_shape(job: MeshJob) -> MeshData:
         properties = _measure(volume, faces)
         rims = _find_rims(job, imprints)
         plan, count = _plan_sizes(job, volume, faces, size)
-        count += 0 if job.growth is None else count_rim_cells(rims, growth=job.growth, size=size)
+        growth = _choose_growth(job, imprints, size)
+        graded = 0 if growth is None else count_graded_cells(rims, growth=growth, size=size)
+        if job.growth is None and graded > PATCH_CELLS:
+            raise MeshError(_name_dense_patch(job, graded))
+        count += graded
         nothing = np.zeros((0, 4), dtype=np.int64)
         described = MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
         if job.task == "describe":
@@ -97,8 +105,8 @@ def mesh_shape(job: MeshJob) -> MeshData:
         present = set(boundary_faces(volume))
         numbers = {tag: number for number, tag in enumerate(as_shown, 1) if tag in present} if present <= set(as_shown) else {}
         _check_budget(count, job, size, numbers)
-        fields = _set_sizes(job, size, plan, rims)
-        remarks = removed + _mesh_faces(job, volume, size, fields, numbers)
+        fields = _set_sizes(growth, size, plan, rims)
+        remarks = removed + _mesh_faces(job, volume, size, fields, numbers, graded=growth is not None)
         count, nodes = _count_cells(job, volume, size)
         if job.task == "estimate":
             return dataclasses.replace(described, estimate=count, nodes=nodes, remarks=remarks)
@@ -214,12 +222,28 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
     return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
 
 
-def _set_sizes(job: MeshJob, size: float, plan: SizePlan | None, rims: dict[int, float]) -> list[int]:
+def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
+    """As asked for; around patches that are narrow beside the elements a default."""
+    narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
+    return NARROW_GROWTH if job.growth is None and narrow else job.growth
+
+
+def _name_dense_patch(job: MeshJob, count: int) -> str:
+    widths = {
+        name: min(size for patch in patches for size in patch["size"])
+        for name, patches in job.groups.items()
+        if any(patch["size"] for patch in patches)
+    }
+    name = min(widths, key=lambda each: widths[each])
+    return f"{name}: {dense_patch_message(count, widths[name] * job.unit, job.across_patches)}"
+
+
+def _set_sizes(growth: float | None, size: float, plan: SizePlan | None, rims: dict[int, float]) -> list[int]:
     """Tell gmsh the element sizes; return the tags of the fields that hold them."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     fields = [] if plan is None else add_size_fields(plan)
-    if job.growth is not None:
-        fields += add_grading_fields(rims, growth=job.growth, size=size)
+    if growth is not None:
+        fields += add_grading_fields(rims, growth=growth, size=size)
         # sizes on faces follow their distance from the rims, not those of the nearest edges
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
     _use_fields(fields)
@@ -237,14 +261,14 @@ def _smallest(job: MeshJob, size: float) -> float:
     return (SMALLEST_SIZE * size if job.smallest is None else job.smallest) / job.refinement
 
 
-def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbers: dict[int, int]) -> list[str]:
-    """Mesh edges and faces, and say what was done about short edges."""
+def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbers: dict[int, int], *, graded: bool) -> list[str]:
+    """Mesh edges and faces, and say what was done about short edges; without graded sizes they grow from crowded ones only."""
     faces = boundary_faces(volume)
     gmsh.model.mesh.generate(1)
     remarks = []
     if job.solid["kind"] == StepFile.__name__ and job.growth is None:
         edges, smallest = measure_edges(faces, size), _smallest(job, size)
-        if edges.crowded:
+        if edges.crowded or graded:
             _use_fields(fields + add_growth_fields(edges, size=size, smallest=smallest))
             gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
         remarks = describe_short_edges(edges, numbers, smallest=smallest, unit=job.unit)

@@ -24,6 +24,7 @@ from headstock.meshing.sizing import (
     UNCOUNTED,
     ParametricSolid,
     budget_message,
+    count_patch_cells,
     default_size,
     estimate_tets,
     largest_extent,
@@ -147,8 +148,14 @@ def estimate_mesh(
     if survey and (imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None):
         data = run_shape_job(component, groups, task="estimate", time_limit=DESCRIBE_TIME_LIMIT)
         return MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
-    volume = None if isinstance(solid, StepFile) else solid_volume(solid)
-    return MeshEstimate(estimate_cells(component), volume=volume)
+    if isinstance(solid, StepFile):
+        return MeshEstimate(estimate_cells(component))
+    cells, across = estimate_cells(component), component.mesh.across_patches
+    if component.mesh.growth is None:
+        size = element_size(component)
+        found = [count_patch_cells(patch, solid, across=across, size=size) for patches in groups.values() for patch in patches]
+        cells += int(sum(found))
+    return MeshEstimate(cells, volume=solid_volume(solid))
 
 
 def _count_hex_cells(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> int:

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 
 import gmsh
 
+from headstock.meshing.sizing import count_rim_cells
+
 RIM_SAMPLES = 200  # points of a curve from which distances are taken
-CELLS_AT_RIM = 5.0  # times length / (size * growth^2): measured on blocks with patches and clamped faces
 
 
 def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float) -> list[int]:
@@ -25,13 +26,10 @@ def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float)
     return [_add_grading(sorted(curve for curve in rims if rims[curve] == smallest), smallest, growth, size) for smallest in sizes]
 
 
-def count_rim_cells(rims: Mapping[int, float], *, growth: float, size: float) -> int:
-    """Number of cells that growing from curves adds, roughly.
-
-    Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make up ``L / (s g^2)`` times a number.
-    """
-    lengths = {curve: float(gmsh.model.occ.getMass(1, curve)) for curve in rims}
-    return int(sum(CELLS_AT_RIM * lengths[curve] / growth**2 * (1.0 / s - 1.0 / size) for curve, s in rims.items() if s < size))
+def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float) -> int:
+    """Number of cells that growing from curves adds, roughly; of each curve the element size there."""
+    length = gmsh.model.occ.getMass
+    return int(sum(count_rim_cells(float(length(1, curve)), s, growth=growth, size=size) for curve, s in rims.items()))
 
 
 def _add_grading(curves: list[int], smallest: float, growth: float, size: float) -> int:

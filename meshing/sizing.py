@@ -1,5 +1,8 @@
 """How large elements should be, and how many that makes, before anything is meshed."""
 
+import math
+
+from headstock.geometry.components import Patch
 from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
 
 ParametricSolid = Box | Tube | Plate | HollowColumn
@@ -13,6 +16,12 @@ DEFAULT_CELLS = 150_000
 DEFAULT_FILE_CELLS = 75_000  # of CAD parts, whose thin walls have more nodes per cell than blocks
 SIZE_STEP = 1.25
 SMALLEST_SIZE = 0.05  # of the element size: what curvature and short edges do not go below
+CELLS_AT_RIM = 5.0  # times length / (size * growth^2): measured on blocks with patches and clamped faces
+# Elements across a patch that are smaller than this share of the others grow from its rim: meshed evenly up to the next edge of the
+# face they are too thin to use (a strip of 0.5 mm among elements of 25 mm: scaled Jacobians of 5e-4, growing ones 5e-2)
+NARROW_PATCH = 1.0 / 64.0
+NARROW_GROWTH = 0.5
+PATCH_CELLS = 300_000  # that one narrow patch may ask for
 # Measured on ten STEP parts, sheets and blocks, from 1.6 to 2.5 cells per triangle: within 0.7 to 1.4 of the cells
 CELLS_PER_TRIANGLE = 1.2
 CELLS_PER_VOLUME = 4.5
@@ -61,6 +70,46 @@ def estimate_tets(volume: float, thinnest: float, size: float) -> int:
     block = TETS_PER_CUBE * volume / size / size / size
     sheet = TETS_PER_SHEET * volume / thinnest / size / size
     return int(min(max(block, sheet), UNCOUNTED))
+
+
+def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float) -> float:
+    """Number of cells that growing from a curve adds, roughly.
+
+    Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make up ``L / (s g^2)`` times a number.
+    """
+    return max(CELLS_AT_RIM * length / growth**2 * (1.0 / at_rim - 1.0 / size), 0.0)
+
+
+def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size: float) -> float:
+    """Number of cells that a patch asks for, roughly, if it is so narrow that elements grow from its rim, else 0.
+
+    Args:
+        patch: Imprinted on a face.
+        solid: On which it is; strips run all along it.
+        across: Elements across the patch.
+        size: Element size elsewhere [m].
+    """
+    if patch.shape == "whole" or not patch.size or min(patch.size) / across >= NARROW_PATCH * size:
+        return 0.0
+    rim = {"disk": math.pi * patch.size[0], "rect": 2.0 * sum(patch.size), "strip": 2.0 * _length_along(solid, patch.along)}[
+        patch.shape
+    ]
+    return count_rim_cells(rim, min(patch.size) / across, growth=NARROW_GROWTH, size=size)
+
+
+def _length_along(solid: ParametricSolid, axis: str | None) -> float:
+    if isinstance(solid, Tube) or axis not in ("x", "y", "z"):
+        return largest_extent(solid)
+    return float(solid.size["xyz".index(axis)])
+
+
+def dense_patch_message(count: float, width: float, across: int) -> str:
+    """What to tell the user when a patch asks for too many elements; width in [m]."""
+    return (
+        f"the patch is {1e3 * width:.4g} mm wide, and elements of {1e3 * width / across:.3g} mm at its rim make about {count:.2g} cells;"
+        f" more than {PATCH_CELLS:.2g} for one patch are refused: write one at least {float(f'{1.1e3 * width * count / PATCH_CELLS:.2g}'):g}"
+        " mm wide, fewer mesh.across_patches, or take the whole face"
+    )
 
 
 def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int, int]:

@@ -14,6 +14,10 @@ Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]
 # OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and says nothing
 SHORTEST, LONGEST = 1e-6, 1e3  # [m]
+# what makes OpenCASCADE open other files, wherever they lie; second names are those of short exchange files
+OTHER_FILES = rb"PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS|PDWAD|APDCRF"
+OTHER_FILES_BESIDE_DOCUMENT_FILE = rb"APPLIED_DOCUMENT_REFERENCE"
+DOCUMENT_FILE = rb"\b(?:DOCUMENT_FILE|DCMFL)\b"
 
 
 def build_shape(solid: Shape) -> int:
@@ -80,7 +84,9 @@ def _import_step(solid: StepFile) -> int:
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(4096):
             raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
-    _refuse_odd_numbers(path)
+    text = re.sub(rb"'[^']*'", lambda found: b"'" + b"\n" * found[0].count(b"\n") + b"'", path.read_bytes())
+    _refuse_odd_numbers(text, path.name)
+    _refuse_other_files(text, path.name)
     try:
         found = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
     except Exception as error:  # gmsh raises the bare class
@@ -98,13 +104,26 @@ def _import_step(solid: StepFile) -> int:
     return chosen
 
 
-def _refuse_odd_numbers(path: Path) -> None:
+def _refuse_odd_numbers(text: bytes, file: str) -> None:
     """A coordinate that is no number keeps the kernel busy for minutes, or ends it."""
-    text = re.sub(rb"'[^']*'", b"''", path.read_bytes())
     odd = re.search(rb"[(,]\s*([+-]?(?:nan|inf(?:inity)?|1\.#\w+))\b", text, re.IGNORECASE)
     if odd is not None:
         line = text[: odd.start()].count(b"\n") + 1
-        raise PartFileError(f"{path.name}:{line} holds {odd[1].decode()} in place of a number; export the part again")
+        raise PartFileError(f"{file}:{line} holds {odd[1].decode()} in place of a number; export the part again")
+
+
+def _refuse_other_files(text: bytes, file: str) -> None:
+    """Refuse a part that names documents: the kernel would open whatever file they name, even where the part has all its geometry."""
+    names = OTHER_FILES
+    if re.search(DOCUMENT_FILE, text, re.IGNORECASE):
+        names += b"|" + OTHER_FILES_BESIDE_DOCUMENT_FILE
+    found = re.search(rb"\b(" + names + rb")\b", text, re.IGNORECASE)
+    if found is not None:
+        line = text[: found.start()].count(b"\n") + 1
+        raise PartFileError(
+            f"{file}:{line} refers to other files ({found[1].decode().upper()}), and these are never read; export the part with all its"
+            " geometry in one file, without documents"
+        )
 
 
 def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> int:

@@ -2,7 +2,17 @@
 
 from collections.abc import Iterator
 
-from headstock.geometry.solids import Box, MeshFile, Solid
+from headstock.geometry.components import Patch
+from headstock.geometry.mass_properties import solid_volume
+from headstock.geometry.solids import Box, MeshFile, Solid, StepFile, SuperelementFile
+from headstock.meshing.sizing import (
+    PATCH_CELLS,
+    count_patch_cells,
+    default_size,
+    dense_patch_message,
+    largest_extent,
+    thinnest_feature,
+)
 from headstock.pipeline.schema_components import ComponentTable
 from headstock.pipeline.toml_positions import KeyPath
 
@@ -33,6 +43,18 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
     if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
         yield ("mesh", "smallest"), "is larger than size; write a smaller one, or remove it"
     yield from _find_rimless(table)
+
+
+def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
+    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when only the CAD kernel can say."""
+    if table.fidelity != "elastic" or table.mesh.cells == "hex" or table.mesh.growth is not None:
+        return ""
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        return ""
+    across = table.mesh.across_patches
+    size = table.mesh.size or default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid))
+    count = count_patch_cells(patch, solid, across=across, size=size)
+    return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
 
 
 def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:

@@ -10,12 +10,12 @@ from headstock.geometry.joints import GROUND
 from headstock.geometry.machines import show_position
 from headstock.geometry.mass_properties import solid_volume
 from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
-from headstock.pipeline.component_builder import bounding_box, build_solid
+from headstock.pipeline.component_builder import bounding_box, build_patch, build_solid
 from headstock.pipeline.effects import STANDARD_GRAVITY, find_effect_fault
 from headstock.pipeline.joint_kinds import build_joint, connects, find_joint_faults
 from headstock.pipeline.machine_graph import Edge, floating_groups, moved_components
 from headstock.pipeline.mechanism_checks import is_lumped
-from headstock.pipeline.mesh_checks import find_mesh_faults
+from headstock.pipeline.mesh_checks import find_dense_patch, find_mesh_faults
 from headstock.pipeline.patch_checks import find_patch_fault
 from headstock.pipeline.rail_checks import check_rails
 from headstock.pipeline.scene_errors import Findings
@@ -78,7 +78,8 @@ def _check_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[s
         for interface, entry in table.interfaces.items():
             for index, patch in enumerate(entry.patch_tables()):
                 place = ("patches", index) if entry.patches is not None else ()
-                if fault := find_patch_fault(patch, solids[name]):
+                fault = find_patch_fault(patch, solids[name])
+                if fault := fault or find_dense_patch(table, build_patch(patch, solids[name]), solids[name]):
                     findings.add((*key, "interfaces", interface, *place), fault)
     return solids
 

@@ -9,8 +9,9 @@ import pytest
 from headstock.geometry.components import Component, Patch
 from headstock.geometry.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.component_meshing import estimate_cells, mesh_component
+from headstock.meshing.component_meshing import estimate_cells, estimate_mesh, mesh_component
 from headstock.meshing.element_quality import integrate_mesh, scaled_jacobians
+from headstock.meshing.errors import MeshError
 
 Make = Callable[..., Component]
 BLOCK = Box((0.03, 0.4, 0.2))
@@ -46,3 +47,20 @@ def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(make_com
     mesh = mesh_component(dataclasses.replace(component, interfaces=component.interfaces | {"tip": averaging}))
     assert np.median(edges_near(mesh, np.array([0.015, -0.2, 0.1]), 0.006)) < 0.006
     assert np.median(edges_near(mesh, np.array([0.015, 0.2, 0.1]), 0.02)) > 0.015
+
+
+def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: Make) -> None:
+    strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.0005,), "y")
+    component = make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)
+    mesh = mesh_component(component)
+    assert mesh.quality.minimum_scaled_jacobian > 0.02
+    assert mesh.quality.cad_areas["line"] == pytest.approx(0.1 * 0.0005, rel=1e-9)
+    assert len(mesh.cells) < 1e5
+    for survey in (False, True):
+        assert 0.5 < estimate_mesh(component, survey=survey).cells / len(mesh.cells) < 2.0
+
+
+def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_that_works(make_component: Make) -> None:
+    strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.00006,), "z")
+    with pytest.raises(MeshError, match=r"line: the patch is 0.06 mm wide.*write one at least 0\.29 mm wide"):
+        mesh_component(make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025))

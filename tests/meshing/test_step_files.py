@@ -321,3 +321,35 @@ def test_the_dofs_of_a_plate_with_many_small_holes_are_foreseen_within_a_factor_
 def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(make_component: Make, perforated: Path) -> None:
     with pytest.raises(MeshError, match=r"mesh\.smallest"):
         mesh_component(make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.0004))
+
+
+OTHER = "'../secret.step'"
+DOCUMENT = f"#9000 = DOCUMENT_FILE({OTHER},{OTHER},$,#9001,'',$);\n#9001 = DOCUMENT_TYPE('');\n"
+
+
+@pytest.mark.parametrize(
+    "keyword", ["PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS", "product_definition_with_associated_documents\n ", "PDWAD"]
+)
+def test_a_part_defined_with_documents_is_refused_before_the_kernel_opens_them(
+    make_component: Make, drilled: Path, keyword: str
+) -> None:
+    product = "PRODUCT_DEFINITION('design','',#6,#9)"
+    text = drilled.read_text()
+    assert product in text
+    text = text.replace(product, f"{keyword}('design','',#6,#9,(#9000))")
+    drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + "ENDSEC;\nEND-ISO"))
+    with pytest.raises(
+        MeshError, match=rf"drilled\.step:\d+ refers to other files \({keyword.strip().upper()}\), and these are never"
+    ):
+        describe_component(make_component(StepFile(drilled)))
+
+
+def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(make_component: Make, drilled: Path) -> None:
+    text = drilled.read_text()
+    reference = "#9002 = APPLIED_DOCUMENT_REFERENCE(#9000,'',(#5));\n"
+    drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + reference + "ENDSEC;\nEND-ISO"))
+    with pytest.raises(MeshError, match=r"refers to other files \(APPLIED_DOCUMENT_REFERENCE\)"):
+        describe_component(make_component(StepFile(drilled)))
+    paper = "#9000 = DOCUMENT('drawing','PDWAD of DOCUMENT_FILE',$,#9001);\n#9001 = DOCUMENT_TYPE('');\n"
+    drilled.write_text(text.replace("ENDSEC;\nEND-ISO", paper + reference + "ENDSEC;\nEND-ISO"))
+    assert describe_component(make_component(StepFile(drilled))).volume == pytest.approx(BLOCK_VOLUME, rel=1e-9)
