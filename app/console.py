@@ -20,7 +20,7 @@ from headstock.app.error_texts import (
     show_bounded,
     show_compliances,
     show_damped,
-    show_damping,
+    show_damping_error,
     show_digits,
     show_span,
 )
@@ -209,7 +209,7 @@ def _mode_table(modes: Json) -> Table:
         ">no.",
         ">undamped Hz" if damped else ">Hz",
         *(["<± Hz"] if known else []),
-        *([">damped Hz", ">damping"] if damped else []),
+        *([">damped Hz", "<± Hz", ">damping", "<±"] if damped else []),
         *(["<interfaces Hz"] if spans else []),
         "mode",
         *(["strain energy in"] if shared else []),
@@ -220,7 +220,7 @@ def _mode_table(modes: Json) -> Table:
         if known:
             cells.append("" if rigid else show_bound(frequency, error))
         if damped:
-            cells += [show_damped(modes, index), show_damping(modes["damping_ratio"][index])]
+            cells += [*show_damped(modes, index), *show_damping_error(modes, index)]
         if spans:
             cells.append(show_span(spans[index]))
         cells.append(modes["mode_names"][index])

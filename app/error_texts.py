@@ -74,13 +74,13 @@ def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, erro
     return shown
 
 
-def show_damped(modes: Json, index: int) -> str:
-    """Frequency of the damped oscillation of a mode, as many decimals as its undamped one."""
+def show_damped(modes: Json, index: int) -> tuple[str, str]:
+    """Frequency of the damped oscillation of a mode [Hz], and what stands behind it."""
     damped = modes["damped_hz"][index]
-    if damped is None:
-        return "-"
-    last = _round(modes["frequencies_hz"][index], modes["error_hz"][index]).last
-    return "overdamped" if damped == 0.0 else _write(Decimal(repr(float(damped))).quantize(last)) if last is not None else "-"
+    if not damped:
+        return "-" if damped is None else "overdamped", ""
+    error = modes["damped_error_hz"][index]
+    return show_bounded(damped, error), "" if index < modes["rigid_count"] else show_bound(damped, error)
 
 
 def show_damping(ratio: float | None) -> str:
@@ -88,6 +88,19 @@ def show_damping(ratio: float | None) -> str:
     if ratio is None:
         return "-"
     return f"{show_digits(100.0 * ratio, 3)} %"
+
+
+def show_damping_error(modes: Json, index: int) -> tuple[str, str]:
+    """Damping ratio of a mode in per cent, and what stands behind it."""
+    ratio, error = modes["damping_ratio"][index], modes["damping_error"][index]
+    if ratio is None:
+        return "-", ""
+    if error == 0.0:  # as the scene gives it
+        return show_damping(ratio), "± 0"
+    percents = 100.0 * ratio, None if error is None else 100.0 * error
+    known = "" if index < modes["rigid_count"] else show_bound(*percents)
+    shown = show_bounded(*percents) if known and error is not None else show_digits(percents[0], 3)
+    return f"{shown} %", f"{known} %" if known and known != NO_BOUND else known
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from markupsafe import Markup
 
 from headstock.app.console import shared_budget
 from headstock.app.error_texts import (
-    NO_BOUND,
     error_words,
     largest_shares,
     response_error_words,
@@ -21,7 +20,7 @@ from headstock.app.error_texts import (
     show_bounded,
     show_compliances,
     show_damped,
-    show_damping,
+    show_damping_error,
     show_size,
 )
 from headstock.app.frf_tables import overlaid_responses, tabulate_response
@@ -143,11 +142,14 @@ def _bounded(value: float, error: float | None) -> Markup:
 
 def _bound(error: float | None, value: float | None) -> Markup:
     """An error beside its value; its number is rounded up, which its class says."""
-    if error is None or value is None:
-        return Markup('<span class="missing">{}</span>').format("" if value is None else NO_BOUND)
-    return Markup('± <data class="bound" value="{}">{}</data>').format(
-        repr(error), _typeset(show_bound(value, error).removeprefix("± "))
-    )
+    return _beside(error, show_bound(value, error))
+
+
+def _beside(error: float | None, text: str) -> Markup:
+    """What stands behind a value, as written; nothing where there is nothing to say."""
+    if error is None or not text:
+        return Markup('<span class="missing">{}</span>').format(text)
+    return Markup('± <data class="bound" value="{}">{}</data>').format(repr(error), _typeset(text.removeprefix("± ")))
 
 
 def _moved(point: Json, row: int, column: int) -> Markup:
@@ -242,8 +244,12 @@ def report_environment() -> jinja2.Environment:
         "number": show_number,
         "bound": _bound,
         "bounded": _bounded,
-        "damping": lambda ratio: _data(ratio, show_damping(ratio)),
-        "damped": lambda modes, index: _data(modes["damped_hz"][index], _typeset(show_damped(modes, index))),
+        "damping": lambda modes, index: _data(modes["damping_ratio"][index], _typeset(show_damping_error(modes, index)[0])),
+        "damped": lambda modes, index: _data(
+            modes["damped_hz"][index], _typeset(show_damped(modes, index)[0]) if modes["damped_hz"][index] else "overdamped"
+        ),
+        "damping_bound": lambda modes, index: _beside(modes["damping_error"][index], show_damping_error(modes, index)[1]),
+        "damped_bound": lambda modes, index: _beside(modes["damped_error_hz"][index], show_damped(modes, index)[1]),
         "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
         "error_words": error_words,
         "largest_shares": largest_shares,

@@ -149,11 +149,39 @@ def _budget_table(name: str, budget: Json) -> PlainTable:
 
 def _mode_table(modes: Json) -> PlainTable:
     parts = sorted({part for shares in modes["energy_share"] for part in shares})
-    headings = ["mode", "frequency [Hz]", "± [Hz]", "damped frequency [Hz]", "damping ratio", "name"]
-    keys = ("frequencies_hz", "error_hz", "damped_hz", "damping_ratio", "mode_names", "energy_share")
+    headings = [
+        "mode",
+        "frequency [Hz]",
+        "± [Hz]",
+        "damped frequency [Hz]",
+        "± damped [Hz]",
+        "damping ratio",
+        "± damping ratio",
+        "name",
+    ]
+    keys = (
+        "frequencies_hz",
+        "error_hz",
+        "damped_hz",
+        "damped_error_hz",
+        "damping_ratio",
+        "damping_error",
+        "mode_names",
+        "energy_share",
+    )
     rows = tuple(
-        (number, hz, bound_size(hz, error), damped, damping, name, *(shares.get(part) for part in parts))
-        for number, (hz, error, damped, damping, name, shares) in enumerate(
+        (
+            number,
+            hz,
+            bound_size(hz, error),
+            damped,
+            bound_size(damped, damped_error),
+            damping,
+            bound_size(damping, damping_error),
+            name,
+            *(shares.get(part) for part in parts),
+        )
+        for number, (hz, error, damped, damped_error, damping, damping_error, name, shares) in enumerate(
             zip(*(modes[key] for key in keys), strict=True), start=1
         )
     )

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from headstock.pipeline.run_state import Outcome, PoseMotions, RunState
 from headstock.pipeline.stages import Stage
 from headstock.reduction.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
 from headstock.reduction.coupling import CoupledMachine, couple
+from headstock.reduction.damping_errors import estimate_damping_errors
 from headstock.reduction.free_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
 from headstock.reduction.mode_naming import name_modes
 from headstock.solvers.damped_modes import damping_of_undamped, solve_damped
@@ -28,6 +30,8 @@ from headstock.solvers.modal_analysis import ModalResult, keep_lowest, solve_mod
 
 UNSTABLE = 1e-9
 AT_REST = 1e-6  # of the lowest elastic frequency
+LARGE_ERROR = 0.5  # of a damping ratio
+NO_DAMPING = 1e-9  # a damping ratio: roundoff
 
 
 def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
@@ -86,8 +90,9 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
         result = solve_modal(coupled.system, count=request.count, up_to_hz=request.up_to_hz)
     else:
         result = keep_lowest(complete, count=request.count, up_to_hz=request.up_to_hz)
-    ratios, damped_hz = _damping(state, coupled, complete, len(result.frequencies_hz))
     named = name_modes(coupled, result)
+    errors = estimate_mode_errors(state, coupled, result)
+    damping = _Damping() if complete is None else _damp_modes(state, coupled, complete, named.names, errors)
     stacked = coupled.basis @ result.shapes
     count = len(result.frequencies_hz)
     unexpected = _undeclared(state, find_free_motions(coupled)) if result.rigid_count else ()
@@ -99,9 +104,11 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
             pose_units=position_units(state.scene.machine),
             frequencies_hz=result.frequencies_hz,
             rigid_count=min(result.rigid_count, count),
-            errors=estimate_mode_errors(state, coupled, result),
-            damping_ratio=ratios,
-            damped_hz=damped_hz,
+            errors=errors,
+            damping_ratio=damping.ratios or (None,) * count,
+            damped_hz=damping.frequencies_hz or (None,) * count,
+            damping_error=damping.ratio_errors,
+            damped_error_hz=damping.frequency_errors_hz,
             mode_names=named.names,
             energy_share=named.strain_shares,
             kinetic_share=named.kinetic_shares,
@@ -125,23 +132,68 @@ def _add_to_view(state: RunState, stage: Stage, **fields: Any) -> None:
     state.views[pose] = dataclasses.replace(state.views[pose], **fields)
 
 
-def _damping(
-    state: RunState, coupled: CoupledMachine, complete: ModalResult | None, count: int
-) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Damping ratio and damped frequency of the first modes; all None unless the scene names the effect."""
-    if complete is None:
-        return (None,) * count, (None,) * count
+@dataclass(frozen=True)
+class _Damping:
+    """Damping ratios and damped frequencies [Hz] of the first undamped modes, and how far each may be off; empty without damping."""
+
+    ratios: tuple[float | None, ...] = ()
+    frequencies_hz: tuple[float | None, ...] = ()
+    ratio_errors: tuple[float | None, ...] = ()
+    frequency_errors_hz: tuple[float | None, ...] = ()
+
+
+def _damp_modes(
+    state: RunState, coupled: CoupledMachine, complete: ModalResult, names: tuple[str, ...], undamped: tuple[Estimate, ...]
+) -> _Damping:
+    """Damping of the first undamped modes, of which names and errors are given."""
+    count = len(names)
     viscous = equivalent_viscous(damp_system(state, coupled.system, complete), complete)
     damped = solve_damped(viscous, complete, lowest=count)
     # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for roundoff
     elastic = complete.frequencies_hz[complete.rigid_count :]
     slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
-    for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
+    for pole, growing_hz in zip(damped.poles, damped.frequencies_hz, strict=True):
         if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
             state.warn(
-                f"a motion near {hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
+                f"a motion near {growing_hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
             )
-    return damping_of_undamped(damped, count)
+    ratios, frequencies = damping_of_undamped(damped, count)
+    ratios = tuple(0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios)
+    found = estimate_damping_errors(coupled, viscous, damped, count)
+    ratio_errors, frequency_errors = list(found.ratios), list(found.frequencies_hz)
+    given = bool(state.scene.modal_damping) and coupled.system.damping is None and coupled.system.hysteretic is None
+    guesses: dict[str, list[str]] = {}
+    creeping: dict[str, list[str]] = {}
+    for mode in range(complete.rigid_count, count):
+        error, ratio, hz = undamped[mode].total, ratios[mode], frequencies[mode]
+        if error is None or hz is None:
+            ratio_errors[mode] = frequency_errors[mode] = None
+        else:
+            least = error * hz / float(complete.frequencies_hz[mode])
+            known = frequency_errors[mode]
+            frequency_errors[mode] = None if known is None else max(known, least)
+        if ratio is not None and (given or not ratio):
+            ratio_errors[mode] = 0.0
+        ratio_error, words = ratio_errors[mode], f"{mode + 1} ({names[mode]})"
+        if found.creeping[mode]:
+            creeping.setdefault(found.dampers[mode], []).append(words)
+        elif error is not None and (ratio is None or ratio_error is None or ratio_error > LARGE_ERROR * abs(ratio)):
+            guesses.setdefault(found.dampers[mode], []).append(words)
+    for damper, modes in guesses.items():
+        state.warn(
+            f"damping{_by(damper)} of mode {', '.join(modes)} is not converged: damping ratio and damped frequency are no more than rough "
+            "guesses; write a higher reduction.modes_to or a smaller mesh size. Where that moves them on and on, the damper swallows the "
+            "waves that reach it, and there is no such mode"
+        )
+    for damper, modes in creeping.items():
+        state.warn(
+            f"mode {', '.join(modes)} is overdamped{_by(damper)}: it creeps back without oscillating; check the damping if that is not meant"
+        )
+    return _Damping(ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors))
+
+
+def _by(damper: str) -> str:
+    return f" by {damper}" if damper else ""
 
 
 def _point_compliance(state: RunState, coupled: CoupledMachine, name: str) -> PointCompliance:

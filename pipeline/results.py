@@ -86,6 +86,8 @@ class PoseModes:
         errors: How far each may be off [Hz].
         damping_ratio: Of each; None without damping.
         damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None without damping.
+        damped_error_hz: How far each damped frequency may be off [Hz]; None where nobody knows, zero where it is overdamped.
+        damping_error: How far each damping ratio may be off; None where nobody knows.
         mode_names: In plain words.
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
@@ -106,6 +108,8 @@ class PoseModes:
     kinetic_share: tuple[dict[str, float], ...]
     shapes: FloatArray
     damped_hz: tuple[float | None, ...] = ()
+    damped_error_hz: tuple[float | None, ...] = ()
+    damping_error: tuple[float | None, ...] = ()
     pose_units: dict[str, str] = field(default_factory=dict)
     placements: dict[str, Frame] = field(default_factory=dict)
     spread_hz: tuple[tuple[float, float] | None, ...] = ()

@@ -1,6 +1,7 @@
 """Complex modes of a viscously damped second-order system, overdamped ones included."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,16 +154,17 @@ def damping_of_undamped(damped: DampedModes, count: int) -> tuple[tuple[float | 
             ratios.append(float(damped.damping_ratios[first]))
             frequencies.append(float(damped.frequencies_hz[first]))
         elif first is not None and second is not None and damped.poles[first].real * damped.poles[second].real > 0.0:
-            product, total = (
-                damped.poles[first].real * damped.poles[second].real,
-                damped.poles[first].real + damped.poles[second].real,
-            )
-            ratios.append(float(-0.5 * total / np.sqrt(product)))
+            ratios.append(overdamped_ratio(float(damped.poles[first].real), float(damped.poles[second].real)))
             frequencies.append(0.0)
         else:
             ratios.append(None)
             frequencies.append(None)
     return tuple(ratios), tuple(frequencies)
+
+
+def overdamped_ratio(first: float, second: float) -> float:
+    """Damping ratio of a mode from its two real poles [rad/s] of one sign."""
+    return -0.5 * (first + second) / math.sqrt(first * second)
 
 
 def _sort_poles(poles: ComplexArray, shapes: ComplexArray, basis: FloatArray) -> DampedModes:

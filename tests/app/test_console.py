@@ -92,7 +92,9 @@ def make_modes() -> dict:
         "error_hz": [0.123, None],
         "error_share": [{"discretisation": 0.123}, {"reduction": None}],
         "damping_ratio": [0.02, 1.1],
+        "damping_error": [0.00031, None],
         "damped_hz": [100.103431, 0.0],
+        "damped_error_hz": [0.123, 0.0],
         "mode_names": ["column bends X", "column bends Y"],
         "energy_share": [{"column": 1.0}, {"column": 1.0}],
     }
@@ -124,16 +126,17 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(capsys
     printed = capsys.readouterr().out
     tables = {table.name: table for table in list_tables(summary)}
     modes = tables["modes_left"]
-    assert modes.headings[:5] == ("mode", "frequency [Hz]", "± [Hz]", "damped frequency [Hz]", "damping ratio")
-    assert modes.rows[0][:5] == (1, 100.123456, 0.13, 100.103431, 0.02)
-    assert modes.rows[1][:5] == (2, 7.5, None, 0.0, 1.1)
-    assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +2\.00 %", printed)
-    assert re.search(r"2 +7\.5000 +± \? +overdamped +110 %", printed)
+    assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
+    assert modes.headings[3:7] == ("damped frequency [Hz]", "± damped [Hz]", "damping ratio", "± damping ratio")
+    assert modes.rows[0][:7] == (1, 100.123456, 0.13, 100.103431, 0.13, 0.02, 0.0004)
+    assert modes.rows[1][:7] == (2, 7.5, None, 0.0, 0.0, 1.1, None)
+    assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +± 0\.13 +2\.00 % +± 0\.04 %", printed)
+    assert re.search(r"2 +7\.5000 +± \? +overdamped +110 % +± \?", printed)
     assert "± 0.27" in printed
     assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
     assert describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
-    assert show_damped(summary["modal"][0], 1) == "overdamped"
+    assert show_damped(summary["modal"][0], 1) == ("overdamped", "")
 
 
 def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symmetric() -> None:

@@ -182,7 +182,10 @@ def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_m
     summary = read_summary(run_folder)
     names, hz = ["free X translation of a", "whole machine moves Y on m", "a bends X"], [0.0, 2.0, 87.5]
     modes = summary["modal"][0] | {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
-    modes |= {key: modes[key][:3] for key in ("error_hz", "damping_ratio", "damped_hz", "energy_share")}
+    modes |= {
+        key: modes[key][:3]
+        for key in ("error_hz", "damping_ratio", "damping_error", "damped_hz", "damped_error_hz", "energy_share")
+    }
     html = render_report(summary | {"modal": [modes]})
     tile = html[html.index("First mode that deforms") :][:200]
     assert '<data value="87.5">' in tile and "a bends X" in tile
@@ -405,7 +408,9 @@ def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says
         **modes,
         "error_hz": [None] * count,
         "damping_ratio": [None] * count,
+        "damping_error": [None] * count,
         "damped_hz": [None] * count,
+        "damped_error_hz": [None] * count,
         "energy_share": [{}] * count,
     }
     page = render_report({**summary, "modal": [full]}, view)

@@ -1,12 +1,16 @@
 """What a run says of its errors: interfaces whose kind matters, numbers that are no more than guesses."""
 
+import functools
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 
 from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.result_warnings import find_warnings
+from headstock.pipeline.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.scene_loader import load_scene
 from headstock.pipeline.store import Store
@@ -71,3 +75,98 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     assert "the y compliance at tcp" in found[1]
     assert "9 times its value" in found[1]
     assert "smaller mesh size" in found[1]
+
+
+ROD = """
+name = "rod on a dashpot"
+effects = ["damping"]
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.rod]
+solid = { box = ["1000 mm", "50 mm", "50 mm"] }
+material = "steel"
+mesh = { size = "25 mm", cells = "hex" }
+interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
+reduction = { modes_to = "MODES kHz" }
+[joints.clamp]
+between = ["rod.root", "ground"]
+kind = "rigid"
+[joints.dashpot]
+between = ["rod.tip", "ground"]
+kind = "spring"
+stiffness = { x = "1 N/m" }
+damping = { x = "DASHPOT N s/m", y = "100 N s/m", z = "100 N s/m" }
+[analyses.modal]
+up_to = "6.6 kHz"
+"""
+SPEED = np.sqrt(210e9 / 7850.0)
+IMPEDANCE = 0.0025 * np.sqrt(210e9 * 7850.0)
+
+
+@pytest.fixture(scope="module")
+def rods(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], Results]:
+    folder = tmp_path_factory.mktemp("rod")
+
+    @functools.cache
+    def run(modes: str, share: float) -> Results:
+        (folder / "scene.toml").write_text(ROD.replace("MODES", modes).replace("DASHPOT", repr(float(share * IMPEDANCE))))
+        return run_scene(load_scene(folder / "scene.toml"), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+    return run
+
+
+def damping_warnings(results: Results) -> list[str]:
+    return [words for words in results.warnings if "damp" in words]
+
+
+@pytest.mark.parametrize("modes", ["15", "30"])
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.8, 1.25, 20.0])
+def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(rods, modes, share):
+    # coth(s L / c) = -share: every standing wave loses as much per round trip
+    found = rods(modes, share)
+    decay = -0.5 * np.log(abs((1.0 + share) / (1.0 - share)))
+    orders = np.arange(8) + (0.5 if share < 1.0 else 0.0)
+    poles = (decay + 1j * np.pi * orders) * SPEED
+    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    judged = 0
+    for mode in stretching:
+        one = found.modal[0]
+        hz, ratio, hz_error, ratio_error = (
+            values[mode] for values in (one.damped_hz, one.damping_ratio, one.damped_error_hz, one.damping_error)
+        )
+        if hz and hz_error is not None:
+            nearest = poles[np.argmin(np.abs(poles.imag / (2.0 * np.pi) - hz))]
+            assert abs(nearest.imag / (2.0 * np.pi) - hz) <= hz_error < 0.02 * hz
+            assert abs(-nearest.real / abs(nearest) - ratio) <= ratio_error < 0.1 * ratio
+            judged += 1
+    assert judged == len(stretching) - (share > 1.0)
+    assert len(damping_warnings(found)) == (share > 1.0)
+
+
+@pytest.mark.parametrize("modes", ["15", "30"])
+def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(rods, modes):
+    found = rods(modes, 1.0)
+    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    assert stretching
+    assert all(found.modal[0].damping_error[mode] is None for mode in stretching)
+    assert all(found.modal[0].damped_error_hz[mode] is None for mode in stretching)
+    (words,) = damping_warnings(found)
+    assert "by joint dashpot" in words
+    assert all(f"{mode + 1} (rod stretches X)" in words for mode in stretching)
+
+
+def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods):
+    found = rods("30", 0.01)
+    bending = [mode for mode, name in enumerate(found.modal[0].mode_names) if "bends" in name]
+    assert np.ptp(found.modal[0].frequencies_hz[bending[:2]]) < 1e-6  # of a square section
+    for mode in bending:
+        assert 0.0 < found.modal[0].damping_error[mode] < 0.1 * found.modal[0].damping_ratio[mode]
+        assert found.modal[0].damped_error_hz[mode] >= 0.999 * found.modal[0].error_hz[mode]
+    assert not damping_warnings(found)
+
+
+def test_an_overdamped_mode_is_named_with_its_damper(rods):
+    (words,) = damping_warnings(rods("30", 20.0))
+    assert "is overdamped by joint dashpot" in words
