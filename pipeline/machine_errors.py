@@ -20,7 +20,9 @@ from headstock.reduction.mesh_errors import (
 )
 from headstock.solvers.modal_analysis import ModalResult
 
-NAMED_DOUBT = 5e-3  # share of a number that the kind of an interface must change to be named
+NAMED_DOUBT = 5e-3  # share of a number that the kinds of interfaces must change together to be named
+NAMED_PART = 0.1  # of what the one that matters most changes: less is not worth a name
+NAMED_INTERFACES = 8
 UM_PER_KN = 1e9  # m/N
 
 
@@ -112,13 +114,20 @@ def _name_kinds(
     state: RunState, effects: Mapping[str, FloatArray], values: FloatArray, *, unit: str, factor: float
 ) -> tuple[str, ...]:
     """The interfaces whose kind may matter, with the size of that; none where it is small beside every number."""
-    large = {name: size for name, size in effects.items() if (size > NAMED_DOUBT * values).any()}
-    if not large:
+    together = np.sum([np.zeros(len(values)), *effects.values()], axis=0)
+    # many small ones add up: a long machine of many parts is held stiff a little at each
+    doubtful = together > NAMED_DOUBT * values
+    if not doubtful.any():
         return ()
-    most = float(f"{factor * float(np.sum(list(large.values()), axis=0).max()):.1g}")
+    most = NAMED_PART * np.max(list(effects.values()), axis=0)
+    large = [name for name, size in effects.items() if (size >= most)[doubtful].any()]
+    named = ", ".join(large[:NAMED_INTERFACES]) + (
+        f" and {len(large) - NAMED_INTERFACES} more" if len(large) > NAMED_INTERFACES else ""
+    )
+    size = float(f"{factor * float(together.max()):.1g}")
     modal = state.scene.analyses.modal
     remedy = "" if modal is not None and modal.spread else "; spread = true in [analyses.modal] computes it"
-    return (f"rigid or averaging interfaces {', '.join(large)}, about {most:g} {unit} at most{remedy}",)
+    return (f"rigid or averaging interfaces {named}, about {size:g} {unit} at most{remedy}",)
 
 
 def name_what_is_left_out(state: RunState, coupled: CoupledMachine) -> Estimate:

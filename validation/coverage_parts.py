@@ -23,6 +23,9 @@ MATERIALS = (
     Material("polymer", 2e9, 0.45, 1000.0),
 )
 HELD = tuple(range(6))
+PRODUCT, PRODUCT_KIND = 48, "product STEP"  # the seed of a bracket of a real product
+BRACKET = Path(__file__).resolve().parents[1] / "tests" / "data" / "support.step"
+WALLS = 2.2  # thicknesses of a wall: flat tetrahedra that are wider than about three are stiff
 CLAMP = "clamp"
 Random = np.random.Generator
 
@@ -81,8 +84,8 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         folder: Where STEP files are written.
     """
     random = np.random.default_rng([20240517, seed])
-    kind = list(KINDS)[seed % len(KINDS)]
-    drawn = KINDS[kind](random, folder / f"part_{seed}.step")
+    kind = PRODUCT_KIND if seed == PRODUCT else list(KINDS)[seed % len(KINDS)]
+    drawn = (_product if seed == PRODUCT else KINDS[kind])(random, folder / f"part_{seed}.step")
     material = MATERIALS[random.integers(len(MATERIALS))]
     interfaces = {
         "foot": Interface("foot", drawn.foot, "rigid" if random.random() < 0.6 else "average"),
@@ -175,7 +178,9 @@ def _column(random: Random, file: Path) -> _Drawn:
     wall = _range(random, 0.008, 0.018)
     solid = HollowColumn((x, y, z), wall, 1.2 * wall, 0.01, ribs_z=int(random.integers(1, 3)))
     side = (_rect("x+", (x / 2, 0.3 * y, 0.8 * z), (0.05, 0.08)),)
-    return _Drawn(solid, _whole("z-"), _whole("z+") if random.random() < 0.5 else side, _diagonal(x, y, z), (0.1, 0.07), 0.04)
+    extent = _diagonal(x, y, z)
+    tip = _whole("z+") if random.random() < 0.5 else side
+    return _Drawn(solid, _whole("z-"), tip, extent, (0.1, 0.07), min(0.04, WALLS * wall / extent))
 
 
 def _cored_column(random: Random, file: Path) -> _Drawn:
@@ -221,6 +226,12 @@ def _milled_step(random: Random, file: Path) -> _Drawn:
         fillet=_range(random, 0.1, 0.2) * least,
     )
     return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), _diagonal(x, y, z), (0.1, 0.07), 0.04)
+
+
+def _product(random: Random, file: Path) -> _Drawn:
+    """A machined bracket, screwed down at its flange and loaded in the bore of its bearing."""
+    bore = (Patch("face:12"), Patch("face:22"))
+    return _Drawn(StepFile(BRACKET), _whole("z+"), bore, _diagonal(0.0685, 0.0404, 0.0331), (0.08, 0.055), 0.02)
 
 
 def _graded_block(random: Random, file: Path) -> _Drawn:

@@ -51,6 +51,8 @@ PORTS: tuple[Port, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 VISIBLE = 1e-2  # 40 dB below the highest peak
 # the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9 times the true errors
 UNSURE = 0.5
+SURE = 0.1  # of ±: what may be unknown of a truth that is to judge it
+JUDGED_LINES = 0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,8 @@ class PartCoverage:
         errors: ``(n,)`` true errors over the number.
         estimates: ``(n,)`` what stands behind ±, over the number; NaN for ``± ?``.
         unsure: ``(n,)`` how well the truth is known, over the number.
-        lines: ``(m,)`` per frequency response the share of its visible lines that are covered.
+        lines: ``(m,)`` per frequency response the share that is covered of its visible lines whose truth is sure enough; NaN where
+            that are too few.
         failure: What ended the computation of a mesh, empty for nothing.
     """
 
@@ -115,12 +118,13 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     elastic = truth.modes.frequencies_hz[truth.modes.rigid_count :]
     grid = np.linspace(0.2 * elastic[0], 1.15 * elastic[4], LINES)
     right, _ = _respond(truth.coupled, grid, finer=True)
+    doubt = UNSURE * np.abs(right - _respond(truth.coupled, grid)[0])
     tables, lines, failures = [], [], []
     for settings in part.meshes:
         try:
             judged = _solve(part, settings, JUDGED_MODES, WATCHED, truth.places)
             tables.append(_compare(judged, truth))
-            lines.append(_cover_lines(judged.coupled, grid, right))
+            lines.append(_cover_lines(judged.coupled, grid, right, doubt))
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
@@ -166,14 +170,16 @@ def _compare(judged: _Solved, truth: _Solved) -> FloatArray:
     return np.array(columns).T
 
 
-def _cover_lines(coupled: CoupledMachine, grid: FloatArray, right: ComplexArray) -> FloatArray:
-    """Share of the visible lines whose error is covered, ``(3,)`` along each load; empty where nothing is known."""
+def _cover_lines(coupled: CoupledMachine, grid: FloatArray, right: ComplexArray, doubt: FloatArray) -> FloatArray:
+    """Share of the visible and sure lines whose error is covered, ``(3,)`` along each load; empty where nothing is known."""
     found, total = _respond(coupled, grid)
     if not np.isfinite(total).any():
         return np.zeros(0)
     visible = np.abs(right) >= VISIBLE * np.abs(right).max(axis=0)
-    covered = ~(np.abs(found - right) > total)
-    return np.asarray((covered & visible).sum(axis=0) / visible.sum(axis=0))
+    judged = visible & ~(doubt > SURE * total)
+    covered = judged & ~(np.abs(found - right) > total)
+    shares = covered.sum(axis=0) / np.maximum(judged.sum(axis=0), 1)
+    return np.where(judged.sum(axis=0) >= JUDGED_LINES * visible.sum(axis=0), shares, np.nan)
 
 
 def _respond(coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False) -> tuple[ComplexArray, FloatArray]:

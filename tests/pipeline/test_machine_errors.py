@@ -58,6 +58,45 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
     assert widest / 3.0 < named < 3.0 * widest
 
 
+def beam(parts, x, y, length, size):
+    """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in mm."""
+    words = [SCENE[: SCENE.index("[components.lower]")]]
+    for i in range(parts):
+        top = "rigid" if i + 1 < parts else "average"
+        below = f"p{i - 1}.top" if i else "ground"
+        words.append(f"""
+[components.p{i}]
+solid = {{ box = ["{x} mm", "{y} mm", "{length / parts} mm"] }}
+material = "steel"
+at = ["0 mm", "0 mm", "{i * length / parts} mm"]
+mesh = {{ size = "{size} mm", cells = "hex" }}
+interfaces = {{ foot = {{ face = "z-" }}, top = {{ face = "z+", coupling = "{top}" }} }}
+[joints.j{i}]
+between = ["{below}", "p{i}.foot"]
+kind = "rigid"
+""")
+    return "".join(words) + "[analyses.modal]\ncount = 8\n"
+
+
+# a flat bar is held stiff in torsion above all: its ends cannot warp
+@pytest.mark.parametrize("sizes", [(40, 60, 1000, 20), (15, 90, 750, 15)])
+def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(tmp_path, sizes):
+    modes = []
+    for parts in (1, 5):
+        scene = tmp_path / f"{parts}.toml"
+        scene.write_text(beam(parts, *sizes))
+        results = run_scene(load_scene(scene), tmp_path / str(parts), comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+        modes.append(results.modal[0])
+    one, five = modes
+    stiffer = five.frequencies_hz - one.frequencies_hz
+    assert (stiffer > 0.004 * one.frequencies_hz).all()
+    words = next(words for words in five.errors[-1].left_out if "interfaces" in words)
+    assert "p1.top" in words
+    assert "p2.foot" in words
+    named = float(words.split("about ")[1].split(" Hz")[0])
+    assert stiffer.max() / 3.0 < named < 3.0 * stiffer.max()
+
+
 def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy():
     def guess(source, size):
         return Estimate({source: size}, (), {source: {"column": size, "base": 0.1 * size}})

@@ -55,7 +55,7 @@ def judged(coupled, hz):
 
 
 def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energy(column):
-    coupled = column("tet10", (1, 2, 6))
+    coupled = column("tet10", (1, 3, 8))
     first = float(solve_modal(coupled.system, count=1).frequencies_hz[0])
     lines = first * np.array([0.3, 0.99, 1.0, 1.5, 4.0])
     system, space = judged(coupled, lines)
@@ -128,3 +128,22 @@ def test_a_peak_that_passes_over_a_line_is_in_its_error(column):
         passing.append(abs((solve_frf(moved, lines, inputs=PORTS, outputs=PORTS).receptance - plain)[0, row, row]))
     assert abs(errors.mesh[0, row, row]) < 0.5 * max(passing)
     assert max(passing) <= errors.mesh_sizes[0, row, row] <= 1.5 * max(passing)
+
+
+def test_a_line_is_off_by_the_largest_change_anywhere_on_the_way_to_finer_meshes(column):
+    coupled = column("tet10", (1, 2, 6))
+    coarse = {name: dataclasses.replace(part, energy=2.0 * part.energy) for name, part in meshed_parts(coupled).items()}
+    peaks = solve_modal(coupled.system, count=3).frequencies_hz
+    lines = np.concatenate([peak * np.linspace(0.9, 1.03, 27) for peak in peaks])
+    system = dataclasses.replace(coupled.system, damping=None, hysteretic=LOSS * coupled.system.stiffness)
+    ports = input_columns(system, PORTS), output_rows(system, PORTS)
+    space = project_response(system, ErrorSources({}, coarse, {"body": LOSS}), solve_modal(coupled.system), ports, max(lines))
+    found = bound_response_errors(space, lines)
+    squares, loads = (2.0 * np.pi * lines) ** 2, space.loads.astype(complex)
+    plain = space.rows @ np.linalg.solve(space.dynamic_stiffness(squares), loads)
+    shares = np.linspace(0.0, 1.0, 41)
+    way = [space.rows @ np.linalg.solve(space.dynamic_stiffness(squares, space.finer, share), loads) - plain for share in shares]
+    along = np.arange(3)
+    covered = (found.mesh_sizes / np.abs(way).max(axis=0))[:, along, along]
+    visible = np.abs(plain)[:, along, along] >= 1e-2 * np.abs(plain)[:, along, along].max(axis=0)
+    assert covered[visible].min() > 0.95

@@ -1,6 +1,9 @@
 """Curved faces that elements cut short are in the error of a part, and interfaces whose kind matters are named with a size."""
 
 import dataclasses
+import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,14 +13,16 @@ from headstock.geometry.components import Component, Interface, MeshSettings, Pa
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
-from headstock.geometry.solids import Tube
+from headstock.geometry.solids import StepFile, Tube
 from headstock.meshing.component_meshing import mesh_component
 from headstock.reduction.compliance_budget import point_budget
 from headstock.reduction.coupling import couple
 from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.mesh_errors import (
     compliance_mesh_errors,
     compliance_shape_errors,
+    frequency_mesh_errors,
     frequency_shape_errors,
     meshed_parts,
 )
@@ -28,6 +33,7 @@ from headstock.solvers.modal_analysis import solve_modal
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2
 LIMP = Material("limp", 200e9, 0.0, 7800.0)  # no lateral contraction: the closed form is exact
+RADIUS, STEEL = 0.5, Material("steel", 210e9, 0.3, 7850.0)
 FACES = {"foot": Interface("foot", (Patch("z-"),), "average"), "tip": Interface("tip", (Patch("z+"),), "average")}
 
 
@@ -84,3 +90,34 @@ def test_a_bar_of_single_thick_elements_says_that_nothing_is_known(make_box, mak
     coupled = couple({"body": element}, Machine("bar", {"body": component}, {"clamp": clamp}, points=points), Pose("reference"))
     assert meshed_parts(coupled)["body"].reach_hz == 0.0
     assert np.isnan(compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"]).any()
+
+
+@pytest.mark.parametrize("kept", [8, 10])
+def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(tmp_path, kept):
+    sizes = {"radius": 1e3 * RADIUS, "height": 2.2e3 * RADIUS}
+    subprocess.run(
+        [sys.executable, "-m", "headstock.meshing.curved_samples", "ball", json.dumps(sizes), str(tmp_path / "ball.step")],
+        check=True,
+        capture_output=True,
+    )
+    part = Component(
+        "ball",
+        StepFile(tmp_path / "ball.step"),
+        STEEL,
+        interfaces={"skin": Interface("skin", (Patch("face:1"),), "average")},
+        mesh=MeshSettings(size=0.5 * RADIUS),
+        free=True,
+    )
+    element = reduce_elastic(part, mesh_component(part), comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=kept)))
+    coupled = couple({"ball": element}, Machine("ball", {"ball": part}), Pose("reference"))
+    modes = solve_modal(coupled.system, count=11)
+    assert modes.rigid_count == 6
+    twisting = modes.frequencies_hz[6:11]
+    # the five lowest modes twist the ball: tan(eta) = eta (12 - eta^2) / (12 - 5 eta^2), whatever Poisson's ratio (Lamb 1881)
+    shear_speed = np.sqrt(STEEL.youngs_modulus / (2.0 * (1.0 + STEEL.poisson_ratio)) / STEEL.density)
+    true = twisting - 2.50113262 * shear_speed / (2.0 * np.pi * RADIUS)
+    assert (twisting > 2.0 / 3.0 * element.cutoff_hz).all()
+    assert (np.abs(true) > 0.1).all()
+    bounds = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes).bounds_hz
+    total = frequency_mesh_errors(coupled, modes)["ball"] + frequency_shape_errors(coupled, modes)["ball"] + bounds
+    assert (np.isnan(total[6:11]) | (total[6:11] >= np.abs(true))).all()
