@@ -116,7 +116,7 @@ def _largest_change(space: ResponseSpace, move: _Move, squares: FloatArray, plai
     for share in ON_THE_WAY if len(lines) else ():
         moved = _respond(space, space.dynamic_stiffness(squares[lines], move.change, share))
         largest[lines] = np.maximum(largest[lines], np.abs(moved - plain[lines]))
-    return largest
+    return np.asarray(largest)
 
 
 def _largest_passing(space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray) -> FloatArray:
