@@ -42,11 +42,18 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
     def action() -> int:
         from headstock.app.console import print_plan
         from headstock.app.plan_listing import plan_rows
+        from headstock.app.progress import show_progress
         from headstock.pipeline.planner import plan_scene
 
         loaded = load_checked(scene, variant, set_)
         if loaded.accuracy is None:
-            planned = plan_scene(loaded, survey=True)
+            with show_progress() as progress:
+
+                def tell(component: str) -> None:
+                    progress.end()
+                    progress.begin(f"survey of the surface of {component}")
+
+                planned = plan_scene(loaded, survey=True, before_survey=tell)
         else:
             from headstock.pipeline.accuracy_plan import plan_first_round  # it loads the solvers
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from headstock.meshing.element_quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.mesh_checks import finish_mesh, patch_moments
-from headstock.meshing.mesh_job import MeshData, MeshJob, describe_patch, scale_properties
+from headstock.meshing.mesh_job import MeshData, MeshJob, describe_patch, format_job, scale_properties
 from headstock.meshing.mesh_process import run_job
 from headstock.meshing.sizing import (
     CELL_BUDGET,
@@ -36,11 +36,13 @@ from headstock.meshing.step_units import STEP_UNIT
 # Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are absolute
 JOB_EXTENT = 1000.0
 DESCRIBE_TIME_LIMIT = 120.0
+SURVEY_TIME_LIMIT = 300.0  # that of a mesh
 LINE_LIKE = 1e-4
 # imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed mesh costs less than a fine one
 REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
 
 Groups = dict[str, tuple[Patch, ...]]
+MeshJobText = str
 
 
 def mesh_component(
@@ -125,7 +127,13 @@ class MeshEstimate:
 
 
 def estimate_mesh(
-    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, survey: bool = False
+    component: Component,
+    supports: Sequence[Support] = (),
+    loads: Sequence[Load] = (),
+    *,
+    survey: bool = False,
+    known: dict[MeshJobText, MeshEstimate] | None = None,
+    before_survey: Callable[[], None] | None = None,
 ) -> MeshEstimate:
     """What a component's mesh will be like before meshing.
 
@@ -134,6 +142,8 @@ def estimate_mesh(
         supports: Of any component.
         loads: Of any component.
         survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh itself: within a factor of 1.5.
+        known: Surveys that were made before, which equal components share; this one is added.
+        before_survey: Called before a surface is meshed, which can take seconds.
 
     Raises:
         MeshError: A STEP file cannot be read, or a patch does not exist.
@@ -146,8 +156,14 @@ def estimate_mesh(
     groups = patch_groups(component, supports, loads)
     imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
     if survey and (imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None):
-        data = run_shape_job(component, groups, task="estimate", time_limit=DESCRIBE_TIME_LIMIT)
-        return MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
+        known = {} if known is None else known
+        job = format_job(_shape_job(component, groups, task="estimate"))
+        if job not in known:
+            if before_survey is not None:
+                before_survey()
+            data = run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
+            known[job] = MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
+        return known[job]
     if isinstance(solid, StepFile):
         return MeshEstimate(estimate_cells(component))
     cells, across = estimate_cells(component), component.mesh.across_patches
@@ -237,13 +253,24 @@ def run_shape_job(
     refinement: float = 1.0,
 ) -> MeshData:
     """Run the CAD kernel on a component in a child process and return what it found, in metres."""
-    solid, what = component.solid, f"component {component.name!r}"
+    job = _shape_job(component, groups, task=task, refinement=refinement)
+    data, scale = run_job(job, what=f"component {component.name!r}", time_limit=time_limit), job.unit
+    properties = None if data.properties is None else scale_properties(data.properties, scale)
+    curved = None if data.curved is None else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
+    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale, curved=curved)
+
+
+def _shape_job(
+    component: Component, groups: Groups, *, task: Literal["shape", "describe", "estimate"], refinement: float = 1.0
+) -> MeshJob:
+    """What the child process is to do; the same for components of the same shape, patches and mesh settings."""
+    solid = component.solid
     if isinstance(solid, MeshFile | SuperelementFile):
-        raise MeshError(f"{what}: a {type(solid).__name__} has no CAD shape")
+        raise MeshError(f"component {component.name!r}: a {type(solid).__name__} has no CAD shape")
     scale = STEP_UNIT if isinstance(solid, StepFile) else round_length(largest_extent(solid)) / JOB_EXTENT
     fields = {"path": str(solid.path), "solid": solid.solid} if isinstance(solid, StepFile) else _scaled_fields(solid, scale)
     size = None if isinstance(solid, StepFile) and component.mesh.size is None else _wanted_size(component)
-    job = MeshJob(
+    return MeshJob(
         task,
         {"kind": type(solid).__name__, **fields},
         {name: [_rounded(describe_patch(patch, scale)) for patch in patches] for name, patches in groups.items()},
@@ -258,10 +285,6 @@ def run_shape_job(
         order=component.mesh.order,
         straight=_has_plane_faces_only(component),
     )
-    data = run_job(job, what=what, time_limit=time_limit)
-    properties = None if data.properties is None else scale_properties(data.properties, scale)
-    curved = None if data.curved is None else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
-    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale, curved=curved)
 
 
 def _wanted_size(component: Component) -> float:

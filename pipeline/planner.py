@@ -6,8 +6,9 @@ the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response)
 """
 
 import dataclasses
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import assert_never
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from headstock.geometry.components import Component, Fidelity, ReductionSettings
 from headstock.geometry.machines import Pose
 from headstock.geometry.solids import MeshFile, SuperelementFile
-from headstock.meshing.component_meshing import estimate_mesh
+from headstock.meshing.component_meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.analysis_requests import (
     Analyses,
     ContouringRequest,
@@ -60,13 +61,14 @@ def default_mode_count(wanted: int) -> int:
     return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
 
 
-def plan_scene(scene: Scene, *, survey: bool = False) -> Plan:
+def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[str], None] | None = None) -> Plan:
     """The stages a scene calls for, in the order in which they run.
 
     Args:
         scene: What to plan.
         survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a second or a few each; otherwise
             they are counted by rules of thumb.
+        before_survey: Called with the name of each component whose surface is meshed; equal components are surveyed once.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
@@ -74,10 +76,17 @@ def plan_scene(scene: Scene, *, survey: bool = False) -> Plan:
     gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
     components: dict[str, Component] = {}
     stages: list[Stage] = []
+    surveys: dict[str, MeshEstimate] = {}
+    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, scene.analyses)
         components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
-        stages += _component_stages(components[name], reason, scene, survey=survey)
+        elastic = components[name]
+        estimate = None
+        if elastic.fidelity == "elastic" and not isinstance(elastic.solid, MeshFile | SuperelementFile):
+            before = None if before_survey is None else functools.partial(before_survey, name)
+            estimate = estimate_mesh(elastic, supports, loads, survey=survey, known=surveys, before_survey=before)
+        stages += _component_stages(elastic, reason, scene, estimate)
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += [
@@ -193,7 +202,7 @@ def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
 
 
-def _component_stages(component: Component, reason: str, scene: Scene, *, survey: bool) -> Sequence[Stage]:
+def _component_stages(component: Component, reason: str, scene: Scene, estimate: MeshEstimate | None) -> Sequence[Stage]:
     limits = scene.limits
     name, solid = component.name, component.solid
     if isinstance(solid, SuperelementFile):
@@ -203,8 +212,8 @@ def _component_stages(component: Component, reason: str, scene: Scene, *, survey
     if component.fidelity == "elastic":
         if isinstance(solid, MeshFile):
             return (Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"), Stage("reduce", name, reason))
-        supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
-        estimate = estimate_mesh(component, supports, loads, survey=survey)
+        if estimate is None:
+            raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
         check_cells(component, estimate.cells, limits.elements)
         dofs = 3 * estimate.nodes if estimate.nodes else displacement_dofs(estimate.cells, component.mesh)
         meshing = Stage("mesh", name, "elastic", None, dofs, mesh_memory_mb(dofs), mesh_seconds(dofs, component.mesh))

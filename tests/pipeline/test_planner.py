@@ -11,7 +11,7 @@ from headstock.geometry.components import Component, Interface, MeshSettings, Pa
 from headstock.geometry.joints import Joint, JointEnd
 from headstock.geometry.machines import Machine, Point, Pose
 from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box, SuperelementFile
+from headstock.geometry.solids import Box, SuperelementFile, Tube
 from headstock.pipeline.analysis_requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.pipeline.budgets import BudgetError, check_elapsed
 from headstock.pipeline.planner import FRF_MARGIN, MODE_MARGIN, MOST_DEFAULT_MODES, default_mode_count, plan_scene
@@ -58,6 +58,18 @@ def test_a_rigid_component_is_never_meshed() -> None:
         ("modal", "reference"),
         ("write", None),
     ]
+
+
+def test_equal_parts_are_surveyed_once_and_whoever_waits_is_told() -> None:
+    tube = Tube(0.1, 0.06, 0.2)
+    left, right, longer = (make_component(name, solid=tube) for name in ("left", "right", "longer"))
+    longer = dataclasses.replace(longer, solid=dataclasses.replace(tube, length=0.3))
+    told: list[str] = []
+    plan = plan_scene(make_scene(left, right, longer, modal=SIX), survey=True, before_survey=told.append)
+    assert told == ["left", "longer"]
+    dofs = {stage.component: stage.estimated_dofs for stage in plan.stages if stage.kind == "mesh"}
+    assert dofs["left"] == dofs["right"]
+    assert (dofs["longer"] or 0) > 1.2 * (dofs["left"] or 0)
 
 
 def test_a_static_analysis_keeps_no_eigenpairs_whatever_the_scene_keeps_for_others() -> None:
