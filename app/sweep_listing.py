@@ -1,12 +1,14 @@
 """What the terminal shows of a sweep: what is swept, ranges of every quantity, crossings, poses that failed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.table import Table
 
 from headstock.app.console import add_row, counted, make_console, make_table, print_remarks, print_table
+from headstock.app.error_texts import show_bound
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machines import show_position
 from headstock.pipeline.json_texts import Json
 from headstock.pipeline.sweep_poses import describe_positions, moving_axes
 from headstock.pipeline.sweep_results import SweepResults
@@ -40,7 +42,12 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
             f"modes {one} and {other} cross between {counted(crossing['between_neighbours'], 'pair')} of neighbouring poses"
         )
     for name, point in summary["static"].items():
-        print_table(console, f"Static compliance at {name} [µm/kN]", _point_table(point, results))
+        errors: Json = next(
+            (sample["error_um_per_kN"][name] for sample in summary["sampled_errors"] if sample["error_um_per_kN"]), {}
+        )
+        print_table(console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors))
+    for words in sampled_error_words(summary):
+        console.print(words, markup=False)
     _print_states(results)
     print_remarks(results.warnings)
     console.print(
@@ -48,6 +55,27 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
         style="bold",
         markup=False,
     )
+
+
+def sampled_error_words(summary: Json) -> list[str]:
+    """In which poses errors were estimated, and what is not in them; empty where there are none."""
+    words = []
+    for sample in summary["sampled_errors"]:
+        place = ", ".join(
+            f"{axis} {show_position(value, unit)}"
+            for axis, value, unit in zip(summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True)
+        )
+        modes = sample["error_hz"]
+        plural = "s" if len(modes) > 1 else ""
+        what = [f"mode{plural} {', '.join(modes)}"] * any(size is not None for size in modes.values())
+        points = sample["error_um_per_kN"]
+        what += ["compliances"] * any(size is not None for errors in points.values() for size in errors.values())
+        left = f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
+        if what:
+            words.append(f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}")
+        elif left:
+            words.append(f"no ± in pose {place}{left}")
+    return words
 
 
 def _describe_poses(total: int, computed: int) -> str:
@@ -59,7 +87,9 @@ def _describe_poses(total: int, computed: int) -> str:
 
 
 def _mode_table(summary: Json, results: SweepResults) -> Table:
-    table = make_table(">no.", ">lowest", "<at", ">highest", "<at", ">poses", ">least MAC", "mode")
+    errors = {int(mode): size for sample in summary["sampled_errors"] for mode, size in sample["error_hz"].items()}
+    known = any(size is not None for size in errors.values())
+    table = make_table(">no.", ">lowest", "<at", ">highest", "<at", *(["<± Hz"] if known else []), ">poses", ">least MAC", "mode")
     for number in range(results.frequencies_hz.shape[1]):
         values = results.frequencies_hz[:, number]
         least = np.nanmin(results.tracked.correlation[:, number]) if results.tracked is not None else np.nan
@@ -67,6 +97,7 @@ def _mode_table(summary: Json, results: SweepResults) -> Table:
             table,
             str(number + 1),
             *_range_cells(values, results, "{:.3f}"),
+            *([show_bound(float(np.nanmax(values)), errors[number + 1]) if number + 1 in errors else ""] if known else []),
             str(np.isfinite(values).sum()),
             f"{least:.2f}",
             results.mode_names[number],
@@ -74,13 +105,16 @@ def _mode_table(summary: Json, results: SweepResults) -> Table:
     return table
 
 
-def _point_table(point: Json, results: SweepResults) -> Table:
-    table = make_table("", ">lowest", "<at", ">highest", "<at")
+def _point_table(point: Json, results: SweepResults, errors: Mapping[str, float | None]) -> Table:
+    known = any(size is not None for size in errors.values())
+    table = make_table("", ">lowest", "<at", ">highest", "<at", *(["<±"] if known else []))
     matrix = np.array(point["compliance_um_per_kN"], dtype=float)
     rows = {direction: matrix[:, place, place] for place, direction in enumerate("xyz")}
     rows["largest"] = np.array(point["largest_um_per_kN"], dtype=float)
     for name, values in rows.items():
-        add_row(table, name, *_range_cells(values, results, "{:.4g}"))
+        cells = _range_cells(values, results, "{:.4g}")
+        shown = name in errors and np.isfinite(values).any()
+        add_row(table, name, *cells, *([show_bound(float(np.nanmax(values)), errors[name]) if shown else ""] if known else []))
     return table
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report import STYLE, read_asset, report_environment
+from headstock.app.sweep_listing import sampled_error_words
 from headstock.app.sweep_quantities import list_quantities
 from headstock.app.viewer_data import script_json
 from headstock.geometry.machines import SCENE_UNITS
@@ -31,6 +32,8 @@ def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | Non
         .get_template(TEMPLATE)
         .render(
             s=summary,
+            error_notes=sampled_error_words(summary),
+            errors=_list_errors(summary),
             origin=origin,
             quantities=list(zip(quantities, ranges, strict=True)),
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
@@ -41,6 +44,17 @@ def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | Non
             script=Markup(read_asset(SCRIPT)),
         )
     )
+
+
+def _list_errors(summary: Json) -> dict[str, float]:
+    """Name of a quantity to its largest known error."""
+    found: dict[str, float] = {}
+    for sample in summary["sampled_errors"]:
+        sizes = {f"mode_{mode}": size for mode, size in sample["error_hz"].items()}
+        for name, errors in sample["error_um_per_kN"].items():
+            sizes |= {f"compliance_{name}_{direction}": size for direction, size in errors.items()}
+        found |= {name: size for name, size in sizes.items() if size is not None}
+    return found
 
 
 def _page_data(summary: Json) -> Json:

@@ -12,7 +12,7 @@ from headstock.pipeline.json_texts import Json
 from headstock.pipeline.outputs import write_output
 from headstock.pipeline.pose_results import FIGURES
 from headstock.pipeline.result_files import mark_units
-from headstock.pipeline.sweep_results import PointMap, SweepResults
+from headstock.pipeline.sweep_results import PointMap, SampledErrors, SweepResults
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1
@@ -99,6 +99,7 @@ def summarise_sweep(results: SweepResults) -> Json:
         "errors": {str(number): error for number, error in enumerate(results.errors) if error},
         "frequencies_hz": _nulls(results.frequencies_hz),
         "mode_names": list(results.mode_names),
+        "sampled_errors": [_summarise_errors(sample) for sample in results.sampled_errors],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": _list_crossings(results),
         "torn": 0 if results.tracked is None else results.tracked.torn,
@@ -106,6 +107,19 @@ def summarise_sweep(results: SweepResults) -> Json:
         "condition_number": None if results.condition is None else _nulls(results.condition),
         "frf": {" ".join(port): _summarise_figures(values) for port, values in results.figures.items()},
         "warnings": list(results.warnings),
+    }
+
+
+def _summarise_errors(sample: SampledErrors) -> Json:
+    every = [*sample.modes.values(), *(error for errors in sample.points.values() for error in errors.values())]
+    return {
+        "pose": sample.pose,
+        "error_hz": {str(mode + 1): error.total for mode, error in sample.modes.items()},
+        "error_um_per_kN": {
+            name: {direction: None if error.total is None else UM_PER_KN * error.total for direction, error in errors.items()}
+            for name, errors in sample.points.items()
+        },
+        "error_left_out": sorted({words for error in every for words in error.left_out}),
     }
 
 

@@ -1,4 +1,4 @@
-"""Names of the modes that a sweep followed: each as it is called in the pose nearest to the middle that has it."""
+"""Names of the modes that a sweep followed, and what is known of errors: in the pose nearest to the middle that has the mode."""
 
 import dataclasses
 
@@ -9,13 +9,13 @@ from headstock.pipeline.analysis_requests import Analyses, ModalRequest
 from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.run_state import RunState
 from headstock.pipeline.runner import HANDLERS, LUMPED_HANDLERS
-from headstock.pipeline.stages import Stage
+from headstock.pipeline.stages import Stage, StageKind
 from headstock.pipeline.sweep_poses import describe_positions, sweep_pose
-from headstock.pipeline.sweep_results import SweepResults
+from headstock.pipeline.sweep_results import SampledErrors, SweepResults
 
 
 def name_tracked_modes(state: RunState, results: SweepResults) -> SweepResults:
-    """The results with a name and the pose it was taken in per tracked mode.
+    """The results with a name per tracked mode, and the errors of its frequency and of the compliances in the pose it was named in.
 
     Args:
         state: Of the run that made the superelements.
@@ -27,26 +27,35 @@ def name_tracked_modes(state: RunState, results: SweepResults) -> SweepResults:
     spread = results.sweep.positions - results.sweep.positions.mean(axis=0)
     far = (np.abs(spread) / np.maximum(np.ptp(results.sweep.positions, axis=0), 1e-12)).sum(axis=1)
     names: dict[int, str] = {}
+    samples: list[SampledErrors] = []
     for number in np.argsort(far, kind="stable"):
         here = [mode for mode in np.flatnonzero(index[number] >= 0) if int(mode) not in names]
         if here:
-            found = _name_pose(state, results, int(number))
-            names |= {int(mode): found[index[number, mode]] for mode in here}
+            alone = _solve_pose(state, results, int(number), with_static=not samples)
+            found = alone.modal[-1]
+            names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
+            errors = {int(mode): found.errors[index[number, mode]] for mode in here if index[number, mode] >= found.rigid_count}
+            points = {name: point.errors for points in alone.static.values() for name, point in points.items()}
+            samples.append(SampledErrors(int(number), errors, points))
         if len(names) == index.shape[1]:
             break
-    return dataclasses.replace(results, mode_names=tuple(names[mode] for mode in range(index.shape[1])))
+    ordered = tuple(names[mode] for mode in range(index.shape[1]))
+    return dataclasses.replace(results, mode_names=ordered, sampled_errors=tuple(samples))
 
 
-def _name_pose(state: RunState, results: SweepResults, number: int) -> tuple[str, ...]:
-    """Names of all modes of a pose, by the stages of a run."""
+def _solve_pose(state: RunState, results: SweepResults, number: int, *, with_static: bool) -> RunState:
+    """All modes of a pose with names and errors, and its compliances where they are wanted and swept, by the stages of a run."""
     pose = dataclasses.replace(sweep_pose(results.sweep, number), name=describe_positions(results.sweep, number))
     count = 0 if results.modes is None else int(np.isfinite(results.modes.frequencies_hz[number]).sum())
-    scene = dataclasses.replace(state.scene, analyses=Analyses(modal=ModalRequest(count=count)))
+    static = state.scene.analyses.static if with_static else None
+    scene = dataclasses.replace(state.scene, analyses=Analyses(modal=ModalRequest(count=count), static=static))
     plan = dataclasses.replace(state.plan, poses={pose.name: pose})
     alone = RunState(scene, plan, MPI.COMM_SELF, state.store, reduced=state.reduced)
     lumped = is_lumped(scene)
-    (LUMPED_HANDLERS if lumped else HANDLERS)["place" if lumped else "couple"](
-        alone, Stage("place" if lumped else "couple", None, "", pose=pose.name)
-    )
-    (LUMPED_HANDLERS if lumped else HANDLERS)["modal"](alone, Stage("modal", None, "", pose=pose.name))
-    return alone.modal[-1].mode_names
+    handlers = LUMPED_HANDLERS if lumped else HANDLERS
+    stages: list[StageKind] = ["place", "modal"] if lumped else ["couple", "modal"]
+    if static is not None:
+        stages.append("static")
+    for kind in stages:
+        handlers[kind](alone, Stage(kind, None, "", pose=pose.name))
+    return alone

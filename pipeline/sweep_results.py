@@ -1,11 +1,12 @@
 """Results of a sweep as arrays over its poses."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.error_estimates import Estimate
 from headstock.pipeline.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
 from headstock.pipeline.planner import is_lumped
 from headstock.pipeline.pose_results import FIGURES, PoseResult, SingleArray
@@ -36,6 +37,21 @@ class PointMap:
     link_shares: FloatArray
 
 
+@dataclass(frozen=True)
+class SampledErrors:
+    """Error estimates in one pose of a sweep: of other poses none are made.
+
+    Attributes:
+        pose: Its number.
+        modes: Number of a tracked mode to the error of its frequency [Hz].
+        points: Point to direction to the error of the compliance along it [m/N].
+    """
+
+    pose: int
+    modes: dict[int, Estimate]
+    points: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False)
 class SweepResults:
     """Everything a sweep found.
@@ -54,6 +70,7 @@ class SweepResults:
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
         warnings: For the user.
         mode_names: Of the tracked modes, as they are called in one pose; empty where they were not named.
+        sampled_errors: In the poses in which modes got their names.
     """
 
     name: str
@@ -69,6 +86,7 @@ class SweepResults:
     figures: dict[Port, FloatArray]
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
+    sampled_errors: tuple[SampledErrors, ...] = ()
 
     @property
     def failed(self) -> tuple[int, ...]:
