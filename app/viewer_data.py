@@ -149,17 +149,25 @@ def _thin_out(view: MachineView) -> tuple[dict[str, Skin], dict[str, NDArray[np.
     share = min(1.0, MOST_TRIANGLES / max(1, sum(len(skin.triangles) for skin in view.skins.values())))
     drawn: dict[str, Skin] = {}
     kept: dict[str, NDArray[np.int64]] = {}
+    # equal parts are thinned out once
+    known: dict[tuple[object, ...], tuple[Skin, NDArray[np.int64]]] = {}
     for name, whole in view.skins.items():
-        skin, found = decimate_skin(whole, largest=max(12, int(share * len(whole.triangles))))
-        order = _order_along_curve(skin.points)
-        numbers = np.argsort(order)
-        triangles = numbers[skin.triangles]
-        triangles = triangles[np.lexsort((triangles.max(axis=1), triangles.min(axis=1)))]
-        edges = np.sort(numbers[skin.edges], axis=1)
-        edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-        drawn[name] = Skin(skin.points[order], triangles, edges, skin.source, thinned_from=skin.thinned_from)
-        kept[name] = found[order]
+        content = (*(part.tobytes() for part in (whole.points, whole.triangles, whole.edges)), whole.source, whole.thinned_from)
+        if content not in known:
+            known[content] = _thin_skin(whole, max(12, int(share * len(whole.triangles))))
+        drawn[name], kept[name] = known[content]
     return drawn, kept
+
+
+def _thin_skin(whole: Skin, largest: int) -> tuple[Skin, NDArray[np.int64]]:
+    skin, found = decimate_skin(whole, largest=largest)
+    order = _order_along_curve(skin.points)
+    numbers = np.argsort(order)
+    triangles = numbers[skin.triangles]
+    triangles = triangles[np.lexsort((triangles.max(axis=1), triangles.min(axis=1)))]
+    edges = np.sort(numbers[skin.edges], axis=1)
+    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
+    return Skin(skin.points[order], triangles, edges, skin.source, thinned_from=skin.thinned_from), found[order]
 
 
 def _order_along_curve(points: FloatArray) -> NDArray[np.int64]:

@@ -107,13 +107,17 @@ def _component(state: RunState, stage: Stage) -> Component:
 
 
 def _load_reduced(state: RunState, component: Component) -> bool:
-    read = find_superelement(state.store, _stored_request(state, component))
-    state.warn(read.warning)
-    if read.value is None:
-        return False
-    # equal components share an entry: the name is not part of the key
-    superelement = dataclasses.replace(read.value.superelement, name=component.name)
-    state.reduced[component.name] = dataclasses.replace(read.value, superelement=superelement)
+    request = _stored_request(state, component)
+    found = state.read.get(request)
+    if found is None:
+        read = find_superelement(state.store, request)
+        state.warn(read.warning)
+        if read.value is None:
+            return False
+        found = state.read[request] = read.value
+    # equal components share an entry and its arrays: the name is not part of the key
+    superelement = dataclasses.replace(found.superelement, name=component.name)
+    state.reduced[component.name] = dataclasses.replace(found, superelement=superelement)
     return True
 
 

@@ -57,6 +57,7 @@ class RunState:
     store: Store
     meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
+    read: dict[object, ReducedComponent] = field(default_factory=dict)
     coupled: CoupledMachine | None = None
     all_modes: tuple[SecondOrderSystem, ModalResult] | None = None
     static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)

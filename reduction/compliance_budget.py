@@ -11,6 +11,7 @@ from headstock.reduction.coupling import CoupledMachine
 from headstock.reduction.free_motions import free_motion_error
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.static_response import solve_balanced
+from headstock.solvers.symmetric_matrices import absolute_product
 
 BUDGET_LIMIT = 1e-9
 LARGEST_MISS = 1e-4  # of the work, whatever rounding may leave
@@ -155,7 +156,7 @@ def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[di
     for number in range(shapes.shape[1]):
         shape = shapes[:, number]
         energies = {name: float(values[number]) for name, values in table.items()}
-        terms = 0.5 * float(np.abs(shape) @ np.abs(coupled.system.stiffness) @ np.abs(shape))
+        terms = 0.5 * float(np.abs(shape) @ absolute_product(coupled.system.stiffness, shape))
         strained = sum(energies.values()) > len(shape) * np.finfo(float).eps * terms
         strain.append(_normalised(energies) if strained else {})
         kinetic.append(_normalised(kinetic_energies(coupled, shape)))
@@ -188,28 +189,30 @@ def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budge
     axis = DIRECTIONS.index(direction)
     load = coupled.system.inputs[point, direction]
     row = coupled.system.outputs[point, direction]
-    stiffened = dataclasses.replace(
-        coupled.system, stiffness=coupled.system.stiffness + np.sum([_own_stiffness(coupled, name) for name in members], axis=0)
-    )
+    stiffness = coupled.system.stiffness.copy()
+    for name in members:
+        _add_stiffness(stiffness, coupled, name)
+    stiffened = dataclasses.replace(coupled.system, stiffness=stiffness)
     changed = float(row @ solve_balanced(stiffened, load[:, None]).displacements[:, 0])
     change = changed / float(budget.compliance[axis, axis]) - 1.0
     return WeakLink(join_names(members), direction, sum(shares[name] for name in members), change, len(members) > 1)
 
 
-def _own_stiffness(coupled: CoupledMachine, name: str) -> FloatArray:
-    """What a component or joint adds to the stiffness ``(n, n)``."""
+def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> None:
+    """Add to a stiffness ``(n, n)`` what a component or joint adds to it."""
     if name in coupled.matrices.stiffnesses:
         rows, stiffness = coupled.basis[coupled.offsets[name]], coupled.matrices.stiffnesses[name]
     else:
         spring = next(spring for spring in coupled.joint_springs if spring.name == name)
         rows, stiffness = spring.rows, spring.stiffness
-    return np.asarray(rows.T @ stiffness @ rows)
+    seen = np.flatnonzero(rows.any(axis=0))
+    total[np.ix_(seen, seen)] += rows[:, seen].T @ stiffness @ rows[:, seen]
 
 
 def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
     """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender machine parts move far and strain little."""
     size = np.abs(displacement)
-    return ROUNDOFF * float(size @ (np.abs(coupled.system.stiffness) @ size))
+    return ROUNDOFF * float(size @ absolute_product(coupled.system.stiffness, size))
 
 
 def _shares(energies: dict[str, float], work: float, roundoff: float, what: str) -> dict[str, float]:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
+from scipy.sparse import bmat, csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 
@@ -35,6 +37,7 @@ def eliminate_constraints(constraints: FloatArray, groups: Sequence[FloatArray],
 
     The stiff relative motions become coordinates of their own. A stiffness matrix put together from a stiff and a soft
     spring loses the soft one to roundoff; in these coordinates each keeps its own digits, and no stiffness is changed.
+    Dofs that no row ties together are treated apart, so that coordinates stay local and many bodies cost what their joints cost.
 
     Args:
         constraints: ``(m, n_all)`` rows that must vanish.
@@ -44,23 +47,78 @@ def eliminate_constraints(constraints: FloatArray, groups: Sequence[FloatArray],
     Source: Golub and Van Loan (2013), section 5.4.2 (QR with column pivoting); Barlow and Demmel (1990) on graded matrices.
     """
     rows = [_normalised(block * scale) for block in (constraints, *groups)]
-    touched = np.flatnonzero(np.any([np.any(block != 0.0, axis=0) for block in rows], axis=0))
-    null = np.eye(len(touched))
+    sets = _find_sets(rows)
+    touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
+    untouched = np.setdiff1d(np.arange(len(scale)), touched)
+    splits = [_split_set(rows, one) for one in sets]
+    # coordinates that stretch nothing first, then from the softest group to the stiffest
+    order = [0, *range(len(rows) - 1, 0, -1)]
+    widths = [sum(split.blocks[level].shape[1] for split in splits) for level in order]
+    basis = np.zeros((len(scale), len(untouched) + sum(widths)))
+    basis[untouched, np.arange(len(untouched))] = 1.0
+    column = len(untouched)
+    for level in order:
+        for one, split in zip(sets, splits, strict=True):
+            block = split.blocks[level]
+            basis[one.dofs, column : column + block.shape[1]] = scale[one.dofs, None] * block
+            column += block.shape[1]
+    levels = np.repeat([0, *order], [len(untouched), *widths])
+    alone = np.flatnonzero(~rows[0].any(axis=1))
+    redundant = np.sort(np.concatenate([alone, *(split.redundant for split in splits)]))
+    return Elimination(basis, levels, tuple(int(row) for row in redundant))
+
+
+@dataclass(frozen=True, eq=False)
+class _Set:
+    """Dofs that rows tie to each other and to no others, and those rows.
+
+    Attributes:
+        dofs: ``(k,)`` of all.
+        rows: Indices of its rows in each block of rows.
+    """
+
+    dofs: IntArray
+    rows: tuple[IntArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """Coordinates of a set.
+
+    Attributes:
+        blocks: ``(k, n_g)`` of those that stretch nothing, and of each spring group.
+        redundant: Constraint rows that others of the set imply.
+    """
+
+    blocks: tuple[FloatArray, ...]
+    redundant: IntArray
+
+
+def _find_sets(rows: Sequence[FloatArray]) -> list[_Set]:
+    """The sets of dofs that rows tie together: a machine of many bodies falls into one for each face at which bodies meet."""
+    pattern = csr_matrix(np.vstack([block != 0.0 for block in rows]))
+    count, size = pattern.shape
+    graph = bmat([[csr_matrix((count, count)), pattern], [pattern.T, csr_matrix((size, size))]])
+    names = connected_components(graph, directed=False)[1]
+    ends = np.cumsum([len(block) for block in rows])[:-1]
+    row_names, dof_names = np.split(names[:count], ends), names[count:]
+    touched = np.flatnonzero(np.diff(pattern.tocsc().indptr))
+    return [
+        _Set(touched[dof_names[touched] == name], tuple(np.flatnonzero(own == name) for own in row_names))
+        for name in dict.fromkeys(dof_names[touched].tolist())
+    ]
+
+
+def _split_set(rows: Sequence[FloatArray], one: _Set) -> _Split:
+    null = np.eye(len(one.dofs))
     spans: list[FloatArray] = []
-    redundant: tuple[int, ...] = ()
-    for index, block in enumerate(rows):
-        span, null, dependent = _split_space(block[:, touched], null)
+    redundant: IntArray = np.zeros(0, dtype=np.int64)
+    for index, (block, own) in enumerate(zip(rows, one.rows, strict=True)):
+        span, null, dependent = _split_space(block[np.ix_(own, one.dofs)], null)
         spans.append(span)
         if index == 0:
-            redundant = tuple(int(i) for i in dependent)
-    untouched = np.setdiff1d(np.arange(len(scale)), touched)
-    blocks = [null, *spans[:0:-1]]
-    basis = np.zeros((len(scale), len(untouched) + sum(block.shape[1] for block in blocks)))
-    basis[untouched, np.arange(len(untouched))] = 1.0
-    basis[touched, len(untouched) :] = scale[touched, None] * np.hstack(blocks)
-    levels = [np.zeros(len(untouched) + null.shape[1], dtype=np.int64)]
-    levels += [np.full(spans[g].shape[1], g, dtype=np.int64) for g in range(len(spans) - 1, 0, -1)]
-    return Elimination(basis, np.concatenate(levels), redundant)
+            redundant = own[dependent]
+    return _Split((null, *spans[1:]), redundant)
 
 
 def _normalised(rows: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from headstock.reduction.dof_layout import DofLayout, clean_stiffness, turn_dofs
 from headstock.reduction.graded_springs import SpringGrading
 from headstock.reduction.joint_matrices import JointSpring
 from headstock.reduction.superelement import Superelement
+from headstock.solvers.symmetric_matrices import symmetrise
 
 ROUNDOFF = 1e-15  # a diagonal entry below this share of the terms it is the sum of is roundoff
 
@@ -68,16 +69,14 @@ def sum_stiffness(
         total = _sum_components(layout, {name: weigh(name) * part for name, part in matrices.stiffnesses.items()}, basis)
     if not grading.groups:
         for spring in springs:
-            seen = np.flatnonzero(spring.rows.any(axis=0))
-            acting = spring.rows[:, seen]
-            total[np.ix_(seen, seen)] += weigh(spring.name) * acting.T @ spring.stiffness @ acting
+            _add_spring(total, spring, weigh(spring.name) * spring.stiffness)
         return _symmetric_if(total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs))
     rows = {spring.name: spring.rows for spring in springs}
     for index, group in enumerate((*grading.groups, grading.soft), start=1 + len(grading.deformations)):
         sees = (elimination.levels > 0) & (elimination.levels <= index) if group is not grading.soft else True
         stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
         total += stretch.T @ (np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch)
-    return 0.5 * (total + total.T)
+    return symmetrise(total)
 
 
 def sum_hysteretic(
@@ -115,8 +114,15 @@ def sum_damping(
         return None
     total = _sum_components(layout, matrices.dampings, basis)
     for spring in dampers:
-        total += spring.rows.T @ spring.damping @ spring.rows
+        _add_spring(total, spring, spring.damping)
     return _symmetric_if(total, all(np.array_equal(s.damping, s.damping.T) for s in dampers))
+
+
+def _add_spring(total: FloatArray, spring: JointSpring, matrix: FloatArray) -> None:
+    """Add ``R^T A R`` to the dofs that a joint sees."""
+    seen = np.flatnonzero(spring.rows.any(axis=0))
+    acting = spring.rows[:, seen]
+    total[np.ix_(seen, seen)] += acting.T @ matrix @ acting
 
 
 def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis: FloatArray) -> FloatArray:
@@ -137,7 +143,7 @@ def _sum_components(layout: DofLayout, matrices: Mapping[str, FloatArray], basis
     noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
     total[noise, :] = 0.0
     total[:, noise] = 0.0
-    return 0.5 * (total + total.T)
+    return symmetrise(total)
 
 
 def _is_identity(part: FloatArray) -> bool:
@@ -156,4 +162,4 @@ def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def _symmetric_if(matrix: FloatArray, symmetric: bool) -> FloatArray:
-    return 0.5 * (matrix + matrix.T) if symmetric else matrix
+    return symmetrise(matrix) if symmetric else matrix

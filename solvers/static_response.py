@@ -11,7 +11,8 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.null_space import EPS, PIVOT_FACTOR, NullSpace, find_null_space
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.solvers.symmetric_matrices import is_symmetric, require_symmetric
+from headstock.solvers.sparse_systems import factorise_sparse, find_sparse
+from headstock.solvers.symmetric_matrices import absolute_product, is_symmetric, require_symmetric
 
 RESIDUAL_LIMIT = 1e-10
 WORK_LIMIT = 1e-9  # of the size of load and motion: less work than this is roundoff
@@ -130,13 +131,19 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
         return np.zeros_like(loads)
     if diagonal.min() <= 0.0:
         raise_if_mechanism(stiffness, system.labels)
+    sparse = find_sparse(stiffness)
+    thin = None if sparse is None else factorise_sparse(sparse)
+    if thin is not None and not thin.negative:
+        if thin.reciprocal_condition() < _least_condition(len(diagonal)):
+            raise_if_mechanism(stiffness, system.labels)
+        return thin.solve(loads)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = stiffness * scale * scale[:, None]
     factor, info = dpotrf(scaled, lower=1)
     suspect = info != 0
     if not suspect:
         reciprocal, _ = dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")
-        suspect = reciprocal < PIVOT_FACTOR * len(scale) * EPS * len(scale)
+        suspect = reciprocal < _least_condition(len(scale))
     if suspect:
         raise_if_mechanism(stiffness, system.labels)
     if info != 0:
@@ -146,6 +153,11 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
     solution = scale[:, None] * cho_solve((factor, True), scale[:, None] * loads)
     correction = loads - stiffness @ solution
     return np.asarray(solution + scale[:, None] * cho_solve((factor, True), scale[:, None] * correction))
+
+
+def _least_condition(size: int) -> float:
+    """Reciprocal condition below which a matrix may be singular but for roundoff."""
+    return PIVOT_FACTOR * size * EPS * size
 
 
 def raise_if_mechanism(stiffness: FloatArray, labels: Sequence[str]) -> None:
@@ -174,5 +186,5 @@ def _solve_general(system: SecondOrderSystem, loads: FloatArray) -> FloatArray:
 def _residual(stiffness: FloatArray, displacements: FloatArray, loads: FloatArray) -> float:
     """Largest backward error over the columns (Oettli and Prager 1964, by columns)."""
     residual = np.abs(stiffness @ displacements - loads).max(axis=0, initial=0.0)
-    terms = (np.abs(stiffness) @ np.abs(displacements) + np.abs(loads)).max(axis=0, initial=0.0)
+    terms = (absolute_product(stiffness, displacements) + np.abs(loads)).max(axis=0, initial=0.0)
     return float((residual / np.maximum(terms, np.finfo(float).tiny)).max(initial=0.0))

@@ -6,14 +6,34 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 
 SYMMETRY_TOLERANCE = 1e-12
+PIECE = 256  # rows looked at together, so that large matrices are not copied
 
 
 def is_symmetric(matrix: FloatArray) -> bool:
     """Whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value is not finite."""
-    largest = np.abs(matrix).max(initial=0.0)
+    # without copies of the matrix; what is not a number stays one in a sum
+    largest = max(matrix.max(initial=0.0), -matrix.min(initial=0.0))
     if not np.isfinite(largest):
         return False
-    return bool(np.abs(matrix - matrix.T).max(initial=0.0) <= SYMMETRY_TOLERANCE * largest)
+    pieces = (slice(start, start + PIECE) for start in range(0, len(matrix), PIECE))
+    return all(np.abs(matrix[piece] - matrix[:, piece].T).max() <= SYMMETRY_TOLERANCE * largest for piece in pieces)
+
+
+def symmetrise(matrix: FloatArray) -> FloatArray:
+    """``(A + A^T) / 2`` in the place of ``A``, which is given back."""
+    for start in range(0, len(matrix), PIECE):
+        piece, rest = slice(start, start + PIECE), slice(start, None)
+        half = 0.5 * (matrix[piece, rest] + matrix[rest, piece].T)
+        matrix[piece, rest] = half
+        matrix[rest, piece] = half.T
+    return matrix
+
+
+def absolute_product(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
+    """``|A| |x|``: the size of the terms of a product."""
+    sizes = np.abs(vectors)
+    parts = [np.abs(matrix[start : start + PIECE]) @ sizes for start in range(0, len(matrix), PIECE)]
+    return np.concatenate(parts) if parts else sizes
 
 
 def require_symmetric(matrix: FloatArray, what: str, remedy: str) -> None:

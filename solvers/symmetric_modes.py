@@ -9,6 +9,8 @@ from scipy.linalg.lapack import dpotrf, dsyevr, dsygst, dsygvd
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.null_space import EPS, NullSpace, find_null_space
+from headstock.solvers.sparse_systems import lowest_sparse_modes
+from headstock.solvers.symmetric_matrices import absolute_product
 
 SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
@@ -57,6 +59,9 @@ def solve_symmetric_modes(
     Source: Barlow and Demmel (1990) on graded matrices; Guyan (1965) for massless dofs.
     """
     count = len(mass) if wanted is None else min(wanted, len(mass))
+    sparse = lowest_sparse_modes(stiffness, mass, count)
+    if sparse is not None and not (_loses_digits_of(stiffness, *sparse) and find_null_space(stiffness).dimension):
+        return ModalPairs(*sparse)
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
         careful = _careful_modes(stiffness, mass, count)
@@ -84,7 +89,11 @@ def _flexibility_modes(
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
     """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
     few = _few_modes(stiffness, mass, count)
-    return few is None or loses_digits(stiffness, few[1][:, 0] / np.sqrt(few[0][0]))
+    return few is None or _loses_digits_of(stiffness, *few)
+
+
+def _loses_digits_of(stiffness: FloatArray, squares: FloatArray, shapes: FloatArray) -> bool:
+    return loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
 
 
 def spreads_too_far(smallest: float, largest: float) -> bool:
@@ -95,7 +104,7 @@ def spreads_too_far(smallest: float, largest: float) -> bool:
 def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
     """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x = 1``, that it may be a rigid motion."""
     size = np.abs(lowest)
-    return bool(len(size) * EPS * (size @ (np.abs(stiffness) @ size)) > CANCELLATION_LIMIT)
+    return bool(len(size) * EPS * (size @ absolute_product(stiffness, size)) > CANCELLATION_LIMIT)
 
 
 def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> ModalPairs:
