@@ -25,7 +25,8 @@ SECONDS_PER_ENTRY = 6e-7
 MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
 MESHING_START = {"tet": 0.3, "hex": 0.03}
 STAGE_SECONDS = {
-    "couple": 0.005,
+    "segment": 0.01,
+    "couple": 0.03,
     "place": 0.005,
     "static": 0.005,
     "recover": 0.5,
@@ -33,6 +34,7 @@ STAGE_SECONDS = {
     "spread": 0.2,
     "frf": 0.08,
     "control": 0.06,
+    "write": 0.05,
 }
 STEPS_PER_SECOND = 3e4  # of a contour
 POSES_PER_SECOND = 7e3  # of a map

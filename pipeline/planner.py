@@ -102,7 +102,7 @@ def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[s
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
         stages.append(Stage("path", None, _describe_path(scene.analyses.path)))
-    stages.append(Stage("write", None, "results.h5 and summary.json"))
+    stages.append(Stage("write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]))
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
     return Plan(
@@ -221,7 +221,8 @@ def _component_stages(component: Component, reason: str, scene: Scene, estimate:
         return (meshing, Stage("reduce", name, reason, None, dofs, memory, seconds))
     if component.fidelity == "segmented":
         count = component.segments.count
-        return (Stage("segment", name, f"segmented: {count} rigid bodies on beam springs, no mesh", estimated_dofs=6 * count),)
+        what = f"segmented: {count} rigid bodies on beam springs, no mesh"
+        return (Stage("segment", name, what, estimated_dofs=6 * count, estimated_seconds=STAGE_SECONDS["segment"]),)
     assert_never(component.fidelity)
 
 
