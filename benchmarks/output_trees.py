@@ -28,7 +28,17 @@ import scipy.io
 TOLERANCE = 1e-10
 # keys of JSON and HDF5, heads of CSV columns, parts of texts and of reports that time, memory, place or version decide
 MASKED_KEYS = (
-    *("seconds", "*cpu_seconds", "import_seconds", "solve_seconds", "seconds_with", "seconds_without", "peak_rss_mb", "peak_mb"),
+    *(
+        "seconds",
+        "*cpu_seconds",
+        "import_seconds",
+        "solve_seconds",
+        "seconds_with",
+        "seconds_without",
+        "time_noise",
+        "peak_rss_mb",
+        "peak_mb",
+    ),
     *("cpu seconds", "cpu spread", "solving cpu seconds", "spread", "MB", "best"),  # of cost studies
     *("date", "host", "commit", "version", "versions", "provenance", "sha256", "key"),
 )
