@@ -60,7 +60,8 @@ def compare_with_eigenvalues() -> None:
         f"eigh (LAPACK) {eigenvalues:.2f} s, all undamped modes {undamped:.2f} s, response {response:.2f} s, peaks {peaks:.2f} s of CPU"
     )
     print(
-        f"response / eigh {response / eigenvalues:.1f}, with peaks {(response + peaks) / eigenvalues:.1f}; against direct {error:.1e}"
+        f"response / eigh {response / eigenvalues:.1f}, with peaks {(response + peaks) / eigenvalues:.1f}, "
+        f"with the undamped modes {(undamped + response + peaks) / eigenvalues:.1f}; against direct {error:.1e}"
     )
 
 

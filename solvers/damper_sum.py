@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf, dsyevd
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.lower_poles import find_lower_poles, state_eigenpairs
+from headstock.solvers.lower_poles import Inverse, find_lower_poles, state_eigenpairs
 from headstock.solvers.modal_coordinates import ModalCoordinates, damps_rigid_motion
 from headstock.solvers.modal_sum import SINGULAR, UNSEEN, RestTerms, rest_terms
 from headstock.solvers.second_order import ComplexArray
@@ -71,9 +71,31 @@ class DamperSum:
         bent = np.flatnonzero(omega > 0.0)
         damping[np.ix_(bent, bent)] += _whole(self.hysteretic)[np.ix_(bent, bent)] / np.sqrt(np.outer(omega[bent], omega[bent]))
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
-        few = find_lower_poles(self.squares, damping, wanted, tolerance=PEAK_TOLERANCE, width_share=PEAK_SHARE)
+        few = find_lower_poles(
+            self.squares, damping, wanted, tolerance=PEAK_TOLERANCE, width_share=PEAK_SHARE, invert=self._inverse()
+        )
         poles, _ = state_eigenpairs(self.squares, damping) if few is None else few
         return np.asarray(poles[poles.imag >= 0.0])
+
+    def _inverse(self) -> Inverse:
+        """``(s^2 + s C + diag(omega^2))^-1`` times columns, by Woodbury's formula."""
+        omega = np.sqrt(self.squares)
+        roots = np.where(omega > 0.0, 1.0 / np.sqrt(np.where(omega > 0.0, omega, 1.0)), 0.0)
+        factors = np.hstack([self.viscous.factors, roots[:, None] * self.hysteretic.factors])
+        strengths = np.concatenate([self.viscous.strengths, self.hysteretic.strengths])
+        alone = self.viscous.diagonal + roots**2 * self.hysteretic.diagonal
+
+        def invert(poles: ComplexArray, columns: ComplexArray) -> ComplexArray:
+            dynamic = (poles**2)[:, None] + self.squares + poles[:, None] * alone
+            floor = np.finfo(float).eps * np.abs(poles[:, None]) ** 2
+            far = np.asarray(1.0 / np.where(np.abs(dynamic) > floor, dynamic, floor), dtype=np.complex128)
+            coupling = (poles[:, None] * strengths)[:, :, None] * _squares(far, factors)
+            coupling[:, np.arange(len(strengths)), np.arange(len(strengths))] += 1.0
+            given = far * columns.T
+            forces = np.linalg.solve(coupling, (poles[:, None] * strengths * (given @ factors))[:, :, None])[:, :, 0]
+            return np.asarray((given - far * (forces @ factors.T)).T)
+
+        return invert
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """The modes far from each frequency are eliminated, those near it are solved for."""

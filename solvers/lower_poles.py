@@ -1,5 +1,7 @@
 """The lowest poles of a system whose dampers couple its undamped modes, from a small space that grows until they are converged."""
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.linalg
 from scipy.linalg.lapack import dpotrf
@@ -7,16 +9,28 @@ from scipy.linalg.lapack import dpotrf
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import ComplexArray
 
+Inverse = Callable[[ComplexArray, ComplexArray], ComplexArray]  # of the pencil at poles (p,), each times its column of (m, p)
 START_FACTOR, START_EXTRA = 1.25, 24  # undamped modes in the first space, against those wanted
 ROUNDS = 12
 LARGEST_SHARE = 0.5  # of all modes: from here on all poles cost no more
 DEPENDENT = 1e-8  # a direction that the space holds but for this share of it adds nothing
+POLISH_EXTRA = 12  # undamped modes besides those wanted, where poles are polished
+POLISH_ROUNDS = 8
+POLISHED = 1e-8  # change of a pole in the last round, after which the next digits are right, too
+ROUGH = 1e-9  # error of a pole over its size from which it is polished
+LEEWAY = 10.0  # times its estimated error: as far as a pole may move before it counts as another
 LEADING = 0.05  # share of the wanted undamped modes from which a pole is one of theirs
 NEGATIVE = 1e-12  # of the largest entry: below zero by more than this, a damper feeds energy
 
 
 def find_lower_poles(
-    squares: FloatArray, viscous: FloatArray, wanted: int, *, tolerance: float, width_share: float = 0.0
+    squares: FloatArray,
+    viscous: FloatArray,
+    wanted: int,
+    *,
+    tolerance: float,
+    width_share: float = 0.0,
+    invert: Inverse | None = None,
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Every pole whose motion is for the most part one of the lowest undamped modes.
 
@@ -30,6 +44,7 @@ def find_lower_poles(
         wanted: Number of the lowest undamped modes.
         tolerance: Error of a pole over its size that is good enough.
         width_share: And over its real part, the half-width of its peak.
+        invert: Where it is cheap, the inverse of the pencil: poles that are not good enough are then polished one by one.
 
     Returns:
         Poles ``(p,)`` on and above the real axis [rad/s] and shapes ``(m, p)``; None where all poles must be
@@ -39,7 +54,7 @@ def find_lower_poles(
         (2001), SIAM Review 43, 235-286, section 4.
     """
     size = len(squares)
-    start = int(START_FACTOR * wanted) + START_EXTRA
+    start = int(START_FACTOR * wanted) + START_EXTRA if invert is None else wanted + POLISH_EXTRA
     if start > LARGEST_SHARE * size or not _takes_energy(viscous):
         return None
     space = np.eye(size, start)
@@ -56,6 +71,15 @@ def find_lower_poles(
         slopes = np.abs(np.einsum("mp,mp->p", shapes, 2.0 * poles * shapes + damped))
         errors = (np.abs(residuals) ** 2 / sizes).sum(axis=0) / np.maximum(slopes, np.finfo(float).tiny)
         open_ = errors > np.maximum(tolerance * np.abs(poles), width_share * np.abs(poles.real))
+        if invert is not None:
+            rough = np.flatnonzero(errors > ROUGH * np.abs(poles))
+            polished = _polish(squares, viscous, invert, poles[rough], shapes[:, rough], LEEWAY * errors[rough])
+            if polished is not None:
+                together = _count_doubles(poles)
+                poles[rough], shapes[:, rough] = polished
+                if _count_doubles(poles) <= together:
+                    return poles, shapes
+                return None
         if not open_.any():
             return poles, shapes
         missing = residuals[:, open_] / np.where(np.abs(diagonal[:, open_]) < sizes[:, open_], sizes[:, open_], diagonal[:, open_])
@@ -63,6 +87,39 @@ def find_lower_poles(
         if space.shape[1] > LARGEST_SHARE * size:
             return None
     return None
+
+
+def _polish(
+    squares: FloatArray, viscous: FloatArray, invert: Inverse, poles: ComplexArray, shapes: ComplexArray, limits: FloatArray
+) -> tuple[ComplexArray, ComplexArray] | None:
+    """Poles from where they are nearly right, each on its own; None where one does not converge near to where it was.
+
+    Source: Parlett (1974), Math. Comp. 28, 679-693, for the cubic convergence of Rayleigh quotient iteration.
+    """
+    poles, shapes = poles.copy(), shapes.copy()
+    first, left = poles.copy(), np.arange(len(poles))
+    for _ in range(POLISH_ROUNDS):
+        moved = invert(poles[left], shapes[:, left])
+        moved /= np.linalg.norm(moved, axis=0)
+        pushed = _real_product(viscous, moved)
+        slope = np.einsum("mp,mp->p", moved, 2.0 * poles[left] * moved + pushed)
+        steps = np.einsum("mp,mp->p", moved, (poles[left] ** 2 + squares[:, None]) * moved + poles[left] * pushed) / slope
+        shapes[:, left] = moved
+        poles[left] -= steps
+        left = left[~(np.abs(steps) <= POLISHED * np.abs(poles[left]))]
+        if not len(left):
+            return (poles, shapes) if (np.abs(poles - first) <= limits).all() else None
+    return None
+
+
+def _count_doubles(poles: ComplexArray) -> int:
+    """Pairs of poles that are one to within what polishing leaves."""
+    return int(np.count_nonzero(np.abs(poles[:, None] - poles) <= POLISHED * np.abs(poles)))
+
+
+def _real_product(matrix: FloatArray, columns: ComplexArray) -> ComplexArray:
+    found = matrix @ np.hstack([columns.real, columns.imag])
+    return np.asarray(found[:, : columns.shape[1]] + 1j * found[:, columns.shape[1] :])
 
 
 def state_eigenpairs(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:

@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.solvers import lower_poles
 from headstock.solvers.damped_modes import solve_damped
 from headstock.solvers.damping_models import add_modal_damping, equivalent_viscous
 from headstock.solvers.errors import ModelError
 from headstock.solvers.frequency_grid import refine_grid
-from headstock.solvers.frequency_response import convert_receptance, evaluate_frf, find_peaks, prepare_frf, solve_frf
+from headstock.solvers.frequency_response import PEAK_MARGIN, convert_receptance, evaluate_frf, find_peaks, prepare_frf, solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.stability_figures import find_stability_figures
 
@@ -273,3 +274,39 @@ def test_an_unknown_port_is_refused_with_the_known_ones():
 def test_modal_damping_needs_ratios_that_take_energy_out(ratios):
     with pytest.raises(ModelError, match="modal damping"):
         add_modal_damping(make_system(), ratios)
+
+
+@pytest.mark.parametrize("strength", [0.0, 1.0, 1e2, 1e3, 1e4])
+def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_small_eigenproblem(strength, monkeypatch):
+    random = np.random.default_rng(5)
+    size, kept = 240, 25
+    springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
+    stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    damping = np.zeros((size, size))
+    for place in random.choice(size - 1, 6, replace=False):
+        damping[place : place + 2, place : place + 2] += strength * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    damping[0, 0] += 1.0
+    port = {("tip", "x"): np.eye(size)[-1]}
+    system = SecondOrderSystem(np.eye(size), damping, stiffness, port, port, ("q",) * size)
+    model = prepare_frf(system, inputs=[("tip", "x")], outputs=[("tip", "x")])
+    solved: list[int] = []
+    whole = lower_poles.state_eigenpairs
+
+    def counted(squares, viscous):
+        solved.append(len(viscous))
+        return whole(squares, viscous)
+
+    expected, _ = whole(stiffness, damping)
+    monkeypatch.setattr(lower_poles, "state_eigenpairs", counted)
+    omega = np.sqrt(np.linalg.eigvalsh(stiffness))
+    found = find_peaks(model, float(omega[kept - 1]) / (2.0 * np.pi) / PEAK_MARGIN * (1.0 + 1e-9))
+    assert max(solved) < size / 4 and len(solved) == 1
+    distances = np.abs(found[:, None] - expected)
+    assert (distances.min(axis=1) <= 1e-8 * np.abs(found)).all()
+    # peaks with their flanks in the range are all there, each once
+    sharp = expected[
+        (expected.imag > 0.0) & (np.abs(expected) < omega[kept - 4]) & (np.abs(expected.real) < 0.05 * np.abs(expected))
+    ]
+    assert len(sharp) > 10
+    near = np.abs(sharp[:, None] - found) <= 1e-8 * np.abs(sharp)[:, None]
+    assert (near.sum(axis=1) == 1).all()
