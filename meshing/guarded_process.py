@@ -120,7 +120,7 @@ def run_guarded(
     *,
     limits: ChildLimits,
     readable: Sequence[Path] = (),
-    stdin: str | BinaryIO = "",
+    stdin: str | bytes | BinaryIO = "",
     result: BinaryIO | None = None,
 ) -> ChildEnd:
     """Run a module that calls `accept_guard` in a child process.
@@ -130,7 +130,7 @@ def run_guarded(
         words: Its arguments.
         limits: What it may use at most.
         readable: Files it may read; of its own code and the system's libraries it sees what it needs.
-        stdin: Text, or an open file.
+        stdin: Text, bytes, or an open file.
         result: Open file it may write; its number is the last argument.
     """
     wanted, limits = limits, limits.within_shell()
@@ -140,11 +140,11 @@ def run_guarded(
     command = [sys.executable, "-P", "-m", module, json.dumps(guard), *words, *map(str, passed)]
     environment = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)}
     environment |= {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    given = stdin.encode() if isinstance(stdin, str) else None
+    given = stdin.encode() if isinstance(stdin, str) else stdin if isinstance(stdin, bytes) else None
     with subprocess.Popen(
         command,
         env=environment,
-        stdin=subprocess.PIPE if isinstance(stdin, str) else stdin,
+        stdin=subprocess.PIPE if isinstance(stdin, str | bytes) else stdin,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         pass_fds=passed,

@@ -1,11 +1,11 @@
 """Degrees of freedom, memory and time before anything is computed."""
 
-import math
 import os
 from collections.abc import Sequence
 
 from headstock.geometry.components import Component, MeshSettings
 from headstock.geometry.errors import HeadstockError
+from headstock.geometry.materials import weigh_modes
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.stages import Stage
 
@@ -89,19 +89,14 @@ def _boundary_dofs(component: Component) -> int:
 
 
 def _guess_modes(component: Component, volume: float | None) -> int:
-    """Fixed-interface modes to expect.
-
-    Source: Weyl's law for elastic bodies, Dupuis, Mazo and Onsager (1960): ``4 pi / 3 V f^3 (1 / c_l^3 + 2 / c_t^3)``.
-    """
+    """Fixed-interface modes to expect."""
     settings, material = component.reduction, component.material
     if settings.modes_to_hz is None:
         return settings.modes or 0
     if volume is None or not material.density > 0.0:
         return 0
-    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
-    transverse = math.sqrt(shear / material.density)
     # bodies longer than thick have more low modes than their volume says: as many again, and a few
-    bulk = 4.0 * math.pi / 3.0 * volume * settings.modes_to_hz**3 * 2.2 / transverse**3
+    bulk = volume * settings.modes_to_hz**3 * weigh_modes(material.youngs_modulus, material.poisson_ratio, material.density)
     return int(min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes))
 
 

@@ -9,6 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.joints import GROUND
 from headstock.geometry.machines import show_position
 from headstock.geometry.mass_properties import solid_volume
+from headstock.geometry.materials import weigh_modes
 from headstock.geometry.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
 from headstock.pipeline.component_builder import bounding_box, build_patch, build_solid
 from headstock.pipeline.effects import STANDARD_GRAVITY, find_effect_fault
@@ -366,7 +367,4 @@ def _highest_frequency(table: ComponentTable, solid: Solid, scene: SceneTable) -
         return None
     if not SOUND_SPEEDS[0] <= math.sqrt(material.E / material.rho) <= SOUND_SPEEDS[1]:
         return None  # a slip of units, warned of elsewhere
-    shear = math.sqrt(material.E / (2.0 * (1.0 + material.nu) * material.rho))
-    ratio = math.sqrt((2.0 - 2.0 * material.nu) / (1.0 - 2.0 * material.nu))
-    waves = (2.0 + ratio**-3) / shear**3
-    return float((MOST_MODES / (4.0 / 3.0 * math.pi * solid_volume(solid) * waves)) ** (1.0 / 3.0))
+    return float((MOST_MODES / (solid_volume(solid) * weigh_modes(material.E, material.nu, material.rho))) ** (1.0 / 3.0))

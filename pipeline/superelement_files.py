@@ -1,7 +1,6 @@
 """Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``."""
 
 import io
-import os
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,6 +28,7 @@ MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
 SECONDS = 8
 LONGEST_NAME = 200
+LARGEST_FILE = 4 << 30
 MARKUP = set("<>&\"'`\\")
 CONSISTENCY = 1e-6  # relative, between numbers that say the same
 # a process that waits uses no processor time; a busy machine gives one little of it
@@ -60,10 +60,12 @@ def read_superelement(path: Path) -> Superelement:
     if path.exists() and not path.is_file():
         raise RecordError(f"{path} cannot be read: it is no regular file")
     try:
-        with path.open("rb") as file:
-            _probe(file, path.name)
-            file.seek(0)
-            return parse_superelement(io.BytesIO(file.read()), str(path))
+        if path.stat().st_size > LARGEST_FILE:
+            raise RecordError(f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB")
+        # once: what the child finds sound is what is read, whoever writes to the file meanwhile
+        content = path.read_bytes()
+        _probe(content, path.name)
+        return parse_superelement(io.BytesIO(content), str(path))
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
@@ -96,11 +98,11 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
     return superelement
 
 
-def _probe(file: BinaryIO, name: str) -> None:
-    size = os.fstat(file.fileno()).st_size
+def _probe(content: bytes, name: str) -> None:
+    size = len(content)
     more = size // 10_000_000
     limits = ChildLimits(MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more)
-    end = run_guarded(PROBE, [name], limits=limits, stdin=file)
+    end = run_guarded(PROBE, [name], limits=limits, stdin=content)
     if end.code == 0:
         return
     message = end.last_line

@@ -17,6 +17,7 @@ from headstock.geometry.materials import Material
 from headstock.geometry.solids import Box, MeshFile
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline import store as store_module
+from headstock.pipeline import superelement_files
 from headstock.pipeline.content_keys import code_fingerprint, mesh_key, superelement_key
 from headstock.pipeline.record_files import RecordError
 from headstock.pipeline.store import Store, default_store_root, entry_path, read_entry, write_entry
@@ -324,3 +325,26 @@ def test_a_change_in_a_room_below_a_package_changes_its_fingerprint(tmp_path: Pa
     sources[1].rename(tmp_path / "room" / "moved.py")
     prints.add(fingerprint())
     assert len(prints) == 4
+
+
+def test_a_file_that_is_exchanged_after_its_probe_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "part.h5"
+    write_superelement(path, make_superelement())
+    probe = superelement_files._probe
+
+    def exchange(content: bytes, name: str) -> None:
+        probe(content, name)
+        path.write_bytes(b"something else")
+
+    monkeypatch.setattr(superelement_files, "_probe", exchange)
+    assert read_superelement(path).mass_kg == make_superelement().mass_kg
+    with pytest.raises(RecordError, match=r"part\.h5"):
+        read_superelement(path)
+
+
+def test_a_file_that_is_nothing_but_size_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "part.h5"
+    with path.open("wb") as file:
+        file.truncate(1 << 42)
+    with pytest.raises(RecordError, match="more than 4 GiB"):
+        read_superelement(path)
