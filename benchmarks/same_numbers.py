@@ -169,7 +169,7 @@ CASES = (
         ),
     ),
     Case("show", ("show machines/step_column.step --json faces.json --all", "show everything.toml -o everything.png")),
-    Case("new", ("new first", "check first/scene.toml", "new part --part machines/step_column.step")),
+    Case("new", ("new first", "check first/first.toml", "new part --part machines/step_column.step")),
     Case("validate", ("validate seed-cantilever-theory torsion-constant --json rows.json",)),
     Case("validate_more", ("validate all-modes two-mass-drive mechanism-derivatives tripteor-lumped --json rows.json",)),
     *(
