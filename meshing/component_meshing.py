@@ -54,7 +54,7 @@ def mesh_component(
         component: What to mesh; its placement plays no part.
         supports: Supports of this component (others are ignored).
         loads: Loads on patches of this component (others are ignored).
-        time_limit: Seconds that the meshing process may take.
+        time_limit: Processor time that meshing may take [s].
 
     Returns:
         The mesh with one patch group per interface, ``support:NAME`` and ``load:NAME``.

@@ -21,6 +21,7 @@ READING_BYTES = 640 << 20
 READING_FACTOR = 100
 READING_SECONDS = 8
 READING_SECONDS_PER_MB = 1.0
+WALL_FACTOR = 4.0
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -30,15 +31,15 @@ def run_job(job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = M
     Args:
         job: What to do.
         what: Names the component in messages.
-        time_limit: Seconds after which the child is killed.
+        time_limit: Processor time after which the child is killed [s]; it waits for processors and disks at most four times as long.
         memory_bytes: Limit on the child's address space.
 
     Raises:
         MeshError: The file is none, the child refused the job, ran out of time, memory or room on the disk, or crashed.
     """
     worker = GMSH_WORKER
-    # the CPU limit also ends a child that nobody waits for
-    limits = ChildLimits(memory_bytes, math.ceil(time_limit) + 5, time_limit)
+    # processor time, so that the same part meshes on a busy machine; it also ends a child that nobody waits for
+    limits = ChildLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
     readable = []
     if "path" in job.solid:
         path = Path(job.solid["path"])

@@ -269,10 +269,9 @@ def test_h11_a_mesh_beyond_the_budget_is_refused_at_once(make_component: Make, c
 
 
 def test_h11_meshing_stops_at_its_time_limit(make_component: Make) -> None:
-    started = time.perf_counter()
-    with pytest.raises(MeshError, match=r"stopped after 1 s.*larger mesh size"):
+    # processor time, or four times as long where the machine is busy
+    with pytest.raises(MeshError, match=r"stopped after (1 s of processor time|4 s).*larger mesh size"):
         mesh_component(make_component(COLUMN, ENDS, size=0.0021), time_limit=1.0)
-    assert time.perf_counter() - started < 3.0
 
 
 @pytest.mark.parametrize(("solid", "size"), [(COLUMN, 0.01), (Box((0.5, 0.5, 0.004)), 0.02), (RIBBED, 0.02)])
