@@ -24,6 +24,9 @@ class MeshQuality:
         poor_share: Share of the volume in elements with a scaled Jacobian below ``POOR_QUALITY``.
         worst_place: ``(3,)`` middle of the element that is worst [m].
         worst_face: ``face:N`` that it lies at; empty where it lies at none, or faces have no numbers.
+        flatness: ``L^6 / t^4`` of second-order tets of length L that alone fill a wall of thickness t, mean over the volume [m^2].
+        flat_size: Median length of those [m], 0 where there are none.
+        flat_thickness: Median thickness of their walls [m].
         remarks: What was done to mesh small features.
         repaired: Number of curved elements that were inverted as meshed and have been straightened or optimised.
         volume: Volume integrated over the elements [m^3].
@@ -39,6 +42,9 @@ class MeshQuality:
     poor_share: float = 0.0
     worst_place: FloatArray = field(default_factory=lambda: np.zeros(3))
     worst_face: str = ""
+    flatness: float = 0.0
+    flat_size: float = 0.0
+    flat_thickness: float = 0.0
     remarks: tuple[str, ...] = ()
 
 

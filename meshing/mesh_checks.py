@@ -14,6 +14,7 @@ from headstock.meshing.curved_elements import elevate_tets, is_straight, repair_
 from headstock.meshing.element_quality import facet_moments, mesh_volume, scaled_jacobians
 from headstock.meshing.element_topology import cell_family, corner_count
 from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.flat_tets import FlatTets, find_flat_tets
 from headstock.meshing.foreign_patches import available_names, select_facets, set_nodes
 from headstock.meshing.mesh_job import MeshData
 from headstock.meshing.mesh_surface import MeshSurface, count_parts, extract_surface, match_facets
@@ -62,20 +63,41 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         cad_volume = properties.volume
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)
-    worst = int(np.argmin(jacobians))
+    flat = _find_flat_tets(points, cells, kind)
+    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with it counts
+    shapes = jacobians.copy()
+    shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
+    worst = int(np.argmin(shapes))
+    sizes = _straight_volumes(points, cells[flat.cells])
     quality = MeshQuality(
-        float(jacobians[worst]),
+        float(shapes[worst]),
         repaired,
         volume,
         cad_volume,
         areas,
-        poor_share=_poor_share(points, cells, kind, jacobians),
+        poor_share=_poor_share(points, cells, kind, shapes),
         worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
         worst_face=_face_at(data, cells[worst]),
+        flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume if kind == "tet10" else 0.0,
+        flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
+        flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
         remarks=tuple(data.remarks),
     )
     gaps = _find_gaps(points, surface, data, component, quality)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps)
+
+
+def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> FlatTets:
+    if cell_family(kind) == "tet":
+        return find_flat_tets(points, cells[:, :4])
+    none = np.zeros(0)
+    return FlatTets(np.zeros(0, dtype=np.int64), none, none, none)
+
+
+def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Volume ``(n_cells,)`` of tets, their edges taken as straight [m^3]."""
+    a, b, c = (points[cells[:, k]] - points[cells[:, 0]] for k in (1, 2, 3))
+    return np.asarray(np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0)
 
 
 def _poor_share(points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray) -> float:

@@ -6,11 +6,16 @@ import numpy as np
 
 from headstock.geometry.components import Component
 from headstock.geometry.skins import Skin
+from headstock.geometry.solids import Box
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.run_state import ReducedComponent
 
 CUTOFF_MARGIN = 1.5
 FEWEST_NODES = 6.0  # per wavelength: three second-order elements
+# Share by which single tet10 across a wall raise a frequency, over (L / wavelength)^4 (L / t)^2: 15 to 60 in square plates
+# of 1:200 and 1:1000 with hinged and clamped edges
+LOCKING = 30.0
+LOCKED = 0.03
 
 
 def warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> list[str]:
@@ -45,6 +50,41 @@ def warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: fl
         f"component {component.name!r}: at {highest_hz:.4g} Hz a wave in its walls of about {1e3 * thickness:.3g} mm is"
         f" {1e3 * length:.3g} mm long, {length / spacing:.2g} nodes of its mesh, and frequencies there come out too high;"
         f' write mesh = {{ size = "{1e3 * 2.0 * length / FEWEST_NODES:.2g} mm" }}'
+    ]
+
+
+def warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None) -> list[str]:
+    """A warning where single tetrahedra across thin walls lock in bending waves as short as those of the highest frequency.
+
+    Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of which irregular meshes have few.
+
+    Args:
+        component: What it is about.
+        reduced: Its superelement and mesh.
+        highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as long as the part count.
+        error: Largest share of a result that its mesh may be off by; None where unknown. Walls that carry loads along their plane do
+            not lock, and this is how they are known.
+    """
+    quality = reduced.quality
+    if quality is None or reduced.skin is None or not quality.flatness > 0.0 or (error is not None and error < LOCKED):
+        return []
+    material, extent = component.material, float(np.ptp(reduced.skin.points, axis=0).max())
+    stiffness = material.youngs_modulus / (12.0 * (1.0 - material.poisson_ratio**2))
+    if highest_hz > 0.0:
+        # wavelength^4 over t^2 of bending waves
+        waves = (2.0 * math.pi / highest_hz) ** 2 * stiffness / material.density
+    else:
+        waves = extent**4 / wall_thickness(reduced.skin, quality) ** 2
+    share = LOCKING * quality.flatness / waves
+    if share < LOCKED:
+        return []
+    size = quality.flat_size * (0.01 / share) ** (1.0 / 6.0)
+    amount = f"some {100.0 * share:.1g} %" if share < 0.5 else "many times"
+    cure = ', or cells = "hex"' if isinstance(component.solid, Box) else ""
+    return [
+        f"component {component.name!r}: single tetrahedra of {1e3 * quality.flat_size:.3g} mm across walls of"
+        f" {1e3 * quality.flat_thickness:.3g} mm lock in bending, frequencies may come out {amount} too high;"
+        f' write mesh = {{ size = "{1e3 * size:.2g} mm" }}{cure}'
     ]
 
 

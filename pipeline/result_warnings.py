@@ -6,8 +6,8 @@ from headstock.geometry.components import Component
 from headstock.geometry.solids import StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
 from headstock.meshing.step_units import doubt_size
-from headstock.pipeline.error_estimates import REDUCTION
-from headstock.pipeline.reach_warnings import warn_of_cutoff, warn_of_mesh
+from headstock.pipeline.error_estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.reach_warnings import warn_of_cutoff, warn_of_locking, warn_of_mesh
 from headstock.pipeline.run_state import ReducedComponent, RunState
 
 LARGE_ERROR = 0.5  # of a number
@@ -25,12 +25,24 @@ def find_warnings(state: RunState) -> list[str]:
     found: list[str] = []
     for name, reduced in state.reduced.items():
         found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
-        found += warn_of_cutoff(name, reduced, highest) + warn_of_mesh(state.plan.components[name], reduced, highest)
+        found += warn_of_cutoff(name, reduced, highest)
+        component = state.plan.components[name]
+        found += warn_of_locking(component, reduced, highest, _mesh_share(state, name)) or warn_of_mesh(component, reduced, highest)
     return found + _warn_of_large_errors(state)
 
 
-def _warn_of_large_errors(state: RunState) -> list[str]:
-    """A warning per component that makes what stands behind ± as large as the numbers, with the worst of them and a remedy."""
+def _mesh_share(state: RunState, component: str) -> float | None:
+    """Largest share of a number that a component's mesh may be off by; None where nobody knows."""
+    shares = [
+        error.parts.get(DISCRETISATION, {}).get(component, 0.0) / abs(value)
+        for _, value, error in _stated_errors(state)
+        if error.total is not None and value
+    ]
+    return max(shares, default=None)
+
+
+def _stated_errors(state: RunState) -> list[tuple[str, float, Estimate]]:
+    """Frequencies and compliances with their names and what is behind ±."""
     rows = [
         (f"frequency {index + 1} ({hz:.4g} Hz)", float(hz), modes.errors[index])
         for modes in state.modal
@@ -43,8 +55,13 @@ def _warn_of_large_errors(state: RunState) -> list[str]:
         for name, point in points.items()
         for axis, (direction, error) in enumerate(point.errors.items())
     ]
+    return rows
+
+
+def _warn_of_large_errors(state: RunState) -> list[str]:
+    """A warning per component that makes what stands behind ± as large as the numbers, with the worst of them and a remedy."""
     worst: dict[tuple[str, str], tuple[float, str]] = {}
-    for what, value, error in rows:
+    for what, value, error in _stated_errors(state):
         parts = {(name, source): size for source, sizes in error.parts.items() for name, size in sizes.items()}
         if error.total is not None and parts and error.total > LARGE_ERROR * abs(value) > 0.0:
             owner = max(parts, key=lambda key: parts[key])

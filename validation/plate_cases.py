@@ -25,7 +25,7 @@ ONE_FACE = np.array([3.4917, 8.5246, 21.429])
 TWO_FACES = np.array([22.272, 26.529, 43.664])
 TOLERANCE = 0.01
 # meshes that hold 1 % in three frequencies, and what tets say at 1:1000
-MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 1000: (("hex", 0.025),)}
+MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025),)}
 LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
 

@@ -99,3 +99,29 @@ def test_the_wave_of_a_thin_strip_is_that_of_its_eigenfrequency() -> None:
 def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(length: float, width: float, step: float) -> None:
     nodes = round(length / step) * round(width / step) * 3
     assert node_spacing(nodes, length * width * 0.008, 0.008) == pytest.approx(step, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory: pytest.TempPathFactory):
+    folder = tmp_path_factory.mktemp("sheet")
+
+    def go(size: str, cells: str):
+        path: Path = folder / "scene.toml"
+        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace('"hex"', f'"{cells}"')
+        path.write_text(text.replace("SIZE", size).replace("MODES", "12").replace("COUNT", "2"))
+        results = run_scene(load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+        return results.modal[0].frequencies_hz, [text for text in results.warnings if "lock" in text]
+
+    return go
+
+
+def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(sheet) -> None:
+    true, silent = sheet("10 mm", "hex")
+    locked, (warning,) = sheet("20 mm", "tet")
+    assert silent == []
+    assert locked[1] > 1.1 * true[1]
+    assert "'strip'" in warning and "walls of 0.4 mm" in warning and 'cells = "hex"' in warning
+    size = warning.split('size = "')[1].split('"')[0]
+    right, nothing = sheet(size, "tet")
+    assert nothing == []
+    assert np.abs(right / true - 1.0).max() < 0.02
