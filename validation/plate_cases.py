@@ -1,6 +1,8 @@
-"""Thin plates down to 1:1000 as solid elements, one through the thickness, against Kirchhoff's plate theory, and what they cost."""
+"""Thin plates down to 1:1000 as solid elements, one through the thickness, against plate theory or finer meshes, and what they cost."""
 
 import time
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +28,7 @@ TWO_FACES = np.array([22.272, 26.529, 43.664])
 TOLERANCE = 0.01
 # meshes that hold 1 % in three frequencies, and what tets say at 1:1000
 MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025),)}
+COUPLINGS: tuple[Literal["average", "rigid"], ...] = ("average", "rigid")
 LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
 
@@ -46,7 +49,28 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
         share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
         note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
         rows.append(show(CASE, f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory", share, "-", note))
+    return rows + _check_pads(comm)
+
+
+def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
+    """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against finer ones."""
+    rows: list[ValidationRow] = []
+    for coupling in COUPLINGS:
+        exact, _, _ = _reduce(_sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm)
+        found, dofs, seconds = _reduce(_sheet_on_pads(coupling, MeshSettings(0.015, cells="hex")), (), comm)
+        worst = int(np.argmax(np.abs(found / exact - 1.0)))
+        text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
+        target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
+        rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"))
     return rows
+
+
+def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings) -> Component:
+    """A sheet of 400 x 300 x 2 mm, 30 mm square pads below its corners."""
+    centers = [(x, y, 0.0) for x in (-0.17, 0.17) for y in (-0.12, 0.12)]
+    pads = [Patch("z-", shape="rect", center=center, size=(0.03, 0.03)) for center in centers]
+    interfaces = {f"pad_{i}": Interface(f"pad_{i}", (pad,), coupling) for i, pad in enumerate(pads)}
+    return Component("sheet", Box((SIDE, 0.3, 0.002)), STEEL, interfaces=interfaces, mesh=settings)
 
 
 def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
@@ -66,11 +90,14 @@ def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI
     supports = [Support(face, "plate", (Patch(face),), fixed) for face, fixed in edges.items()]
     mesh_settings = MeshSettings(size, cells="hex" if cells == "hex" else "tet")
     plate = Component("plate", Box((SIDE, SIDE, thickness)), STEEL, interfaces=interfaces, mesh=mesh_settings)
+    return _reduce(plate, supports, comm)
+
+
+def _reduce(plate: Component, supports: Sequence[Support], comm: MPI.Comm) -> tuple[FloatArray, int, float]:
     mesh = shared_mesh(plate, supports, (), comm=comm)
     start = time.process_time()
-    element = reduce_elastic(
-        plate, mesh, supports, (), comm=comm, request=ReductionRequest(modes=ModeTarget(count=3), recovery=False, errors=False)
-    )
+    request = ReductionRequest(modes=ModeTarget(count=3), recovery=False, errors=False)
+    element = reduce_elastic(plate, mesh, supports, (), comm=comm, request=request)
     seconds = time.process_time() - start
     check_superelement(element)
     return element.modal_frequencies_hz[:3], 3 * len(mesh.points), seconds
