@@ -75,11 +75,13 @@ def find_lower_poles(
             rough = np.flatnonzero(errors > ROUGH * np.abs(poles))
             polished = _polish(squares, viscous, invert, poles[rough], shapes[:, rough], LEEWAY * errors[rough])
             if polished is not None:
-                together = _count_doubles(poles)
-                poles[rough], shapes[:, rough] = polished
-                if _count_doubles(poles) <= together:
-                    return poles, shapes
-                return None
+                moved = poles.copy()
+                moved[rough], shapes[:, rough] = polished
+                doubled = _count_neighbours(moved) > _count_neighbours(poles)
+                if not doubled.any():
+                    return moved, shapes
+                # two went to one pole: their space was too small
+                open_ = doubled
         if not open_.any():
             return poles, shapes
         missing = residuals[:, open_] / np.where(np.abs(diagonal[:, open_]) < sizes[:, open_], sizes[:, open_], diagonal[:, open_])
@@ -112,9 +114,9 @@ def _polish(
     return None
 
 
-def _count_doubles(poles: ComplexArray) -> int:
-    """Pairs of poles that are one to within what polishing leaves."""
-    return int(np.count_nonzero(np.abs(poles[:, None] - poles) <= POLISHED * np.abs(poles)))
+def _count_neighbours(poles: ComplexArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+    """How many poles each of them equals to within what polishing leaves."""
+    return np.asarray((np.abs(poles[:, None] - poles) <= POLISHED * np.abs(poles)[:, None]).sum(axis=1), dtype=np.int64)
 
 
 def _real_product(matrix: FloatArray, columns: ComplexArray) -> ComplexArray:
