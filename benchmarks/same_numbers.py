@@ -72,7 +72,7 @@ MACHINE = " ".join(
     f"""--set 'components.{name}.mesh.size="60 mm"' --set 'components.{name}.reduction.modes_to="1 kHz"'"""
     for name in ("column_left", "column_right", "y_base")
 )
-STEP = """--set 'components.column.mesh={size="120 mm",order=1,force=true}' --set components.column.reduction={modes=10}"""
+STEP = """--set 'components.column.mesh.size="120 mm"'"""
 FRF = """--set 'analyses.frf={inputs=["tcp"],to="300 Hz",points=51}'"""
 CONTROL = """--set effects.drive_control=true --set effects.screw_inertia=true --set 'analyses.control={up_to="300 Hz"}'"""
 PLANE = """--set 'sweeps.plane.axes={X=["-350 mm","350 mm",5],Y=["-400 mm","400 mm",4],Z=["200 mm","200 mm",1]}'"""
