@@ -1,6 +1,6 @@
 """Variants side by side as the terminal shows them, and as CSV."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import Console
@@ -10,6 +10,7 @@ from rich.text import Text
 from headstock.app.console import make_console, make_table, print_table, spaced
 from headstock.app.error_texts import bound_size, error_words, largest_shares, show_bound, show_bounded, show_digits, show_size
 from headstock.app.summary_tables import PlainTable, encode_csv
+from headstock.pipeline.error_estimates import DISCRETISATION
 from headstock.pipeline.json_texts import Json
 from headstock.reduction.mode_naming import WHOLE_MACHINE
 
@@ -71,16 +72,16 @@ def print_comparison(summary: Json) -> None:
     _print_notes(console, summary)
 
 
-def states_errors(sizes: Iterable[float | None]) -> bool:
-    """Whether any of the errors of a variant's frequencies, or of a point's compliances, is known; else nothing stands behind them."""
-    return any(size is not None for size in sizes)
+def states_errors(shares: Iterable[Mapping[str, float | None]]) -> bool:
+    """Whether a mesh error is in any of a variant's errors: without, as of rigid and segmented parts, ± would hide what they leave out."""
+    return any(DISCRETISATION in share for share in shares)
 
 
 def variant_error_words(summary: Json) -> list[str]:
     """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
-        found = largest_shares(variant) if states_errors(variant["error_hz"]) else {}
+        found = largest_shares(variant) if states_errors(variant["error_share"]) else {}
         sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
         words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
         owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
@@ -206,7 +207,7 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
                 cells.append(MISSING)
                 continue
             errors = variant["static"][point]["error_um_per_kN"]
-            shown = _with_error(value, errors[direction], known=states_errors(errors.values()))
+            shown = _with_error(value, errors[direction], known=states_errors(variant["static"][point]["error_share"].values()))
             cells.append(f"{shown}{_percent(value, first)}")
         _add_cells(table, f"d{direction}/F{direction}", cells)
     for direction in DIRECTIONS:
@@ -228,7 +229,7 @@ def _with_error(value: float, error: float | None, *, known: bool) -> str:
 def _mode_cell(cell: Json | None, variant: Json) -> str:
     if cell is None:
         return MISSING
-    known = states_errors(variant["error_hz"]) and cell["number"] > variant["rigid_count"]
+    known = states_errors(variant["error_share"]) and cell["number"] > variant["rigid_count"]
     shown = _with_error(cell["frequency_hz"], cell["error_hz"], known=known)
     if cell["mac"] is None:
         return shown

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
-from headstock.app.comparison_listing import alike_rigid_modes, comparison_csv, describe_store, variant_error_words
+from headstock.app.comparison_listing import alike_rigid_modes, comparison_csv, describe_store, states_errors, variant_error_words
 from headstock.app.report import STYLE, read_asset, report_environment
 from headstock.pipeline.json_texts import Json
 
@@ -24,6 +24,7 @@ def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
         .get_template(TEMPLATE)
         .render(
             s=summary,
+            states_errors=states_errors,
             alike=alike_rigid_modes(summary),
             error_notes=variant_error_words(summary),
             points=list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"])),

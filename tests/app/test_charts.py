@@ -123,10 +123,11 @@ def make_comparison() -> dict:
             "compliance_6x6": np.eye(6).tolist(),
             "weak_link": dict.fromkeys("xyz"),
             "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
+            "error_share": {"x": {"discretisation": 0.12}},
         }
         seconds = dict.fromkeys(("load", "components", "couple", "modes", "total"), 1.0)
         effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
-        errors = {"error_hz": [0.5] * 4, "error_share": [{"reduction": 0.5}] * 4, "error_left_out": [], "rigid_count": 0}
+        errors = {"error_hz": [0.5] * 4, "error_share": [{"discretisation": 0.5}] * 4, "error_left_out": [], "rigid_count": 0}
         return (
             {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}}
             | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)

@@ -192,7 +192,7 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
         assert f'<data class="bound" value="{error!r}">' in page
     for text in (
         "as written: ± covers 95 % of errors, from discretisation up to",
-        "R: ± covers 95 % of errors, from reduction up to",
+        "R: not in ±: rigid model of bar",
     ):
         assert text in printed and text in page
     assert printed.count("not in ±: rigid model of bar") == 1 and "± ?" not in printed
