@@ -2,7 +2,7 @@
 
 from setuptools import find_packages, setup
 
-LAYERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app")
+LAYERS = ("geometry", "meshing", "solvers", "reduction", "scene", "pipeline", "studies", "validation", "app")
 
 setup(
     packages=[f"headstock.{name}" for layer in LAYERS for name in (layer, *(f"{layer}.{room}" for room in find_packages(layer)))],

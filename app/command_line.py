@@ -6,8 +6,8 @@ from typing import Annotated
 import click
 import typer
 
-from headstock.app import batch_commands, scene_commands, tool_commands
-from headstock.app.guard import find_home, hand_over, prepare_streams
+from headstock.app.commands import batch_commands, scene_commands, tool_commands
+from headstock.app.terminal.guard import find_home, hand_over, prepare_streams
 
 PROGRAM = "headstock"
 PROGRAM_HELP = """A FEM-based virtual machine tool: from one scene file to a machine's stiffness and modes.
@@ -48,7 +48,7 @@ app.command("test", context_settings={"ignore_unknown_options": True, "allow_ext
 
 def _print_version(asked: bool) -> None:
     if asked:
-        from headstock.pipeline.provenance import find_version
+        from headstock.pipeline.storage.provenance import find_version
 
         found = find_version()
         typer.echo(f"{PROGRAM} {found.version} (commit {found.commit})")

@@ -7,13 +7,13 @@ import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh, IntArray, MeshQuality
-from headstock.meshing.component_meshing import mesh_component
-from headstock.solvers.elasticity import assemble_elasticity
+from headstock.meshing.components.meshing import mesh_component
+from headstock.solvers.elastic.elasticity import assemble_elasticity
 
 # element sizes [m] that give about this many dofs
 SIZES = {"20k": 0.0145, "100k": 0.0075, "300k": 0.005, "1M": 0.0033}

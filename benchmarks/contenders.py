@@ -15,11 +15,11 @@ from mpi4py import MPI
 from stage_clock import StageClock
 
 from headstock.geometry.frames import FloatArray
-from headstock.reduction import elastic_reduction
-from headstock.solvers import constrained_solver
-from headstock.solvers.elasticity import assemble_elasticity
-from headstock.solvers.factorization import Factorization
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.reduction.components import elastic as elastic_reduction
+from headstock.solvers.elastic import constrained_solver
+from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.factorization import Factorization
+from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 FLOOR_BLOCKS = (12, 40)

@@ -20,19 +20,20 @@ from typing import Any
 from mpi4py import MPI
 from stage_clock import StageClock
 
-from headstock.app import running
-from headstock.app.running import RunRequest, run_request
-from headstock.pipeline import frf_stages, machine_stages
+from headstock.app.actions import running
+from headstock.app.actions.running import RunRequest, run_request
 from headstock.pipeline.runner import run_scene
-from headstock.reduction import elastic_reduction
+from headstock.pipeline.stages import frf as frf_stages
+from headstock.pipeline.stages import machine
+from headstock.reduction.components import elastic
 
 MACHINES = Path(__file__).resolve().parents[1] / "machines"
 SCENES = ("cantilever", "fixed_beam", "guideway", "three_axis", "three_axis:frf", "step_column")
 WATCHED = (
-    (elastic_reduction, "measure_truncation", "modes left out"),
-    (elastic_reduction, "estimate_mesh_errors", "mesh"),
-    (machine_stages, "estimate_mode_errors", "frequencies"),
-    (machine_stages, "estimate_compliance_errors", "compliances"),
+    (elastic, "measure_truncation", "modes left out"),
+    (elastic, "estimate_mesh_errors", "mesh"),
+    (machine, "estimate_mode_errors", "frequencies"),
+    (machine, "estimate_compliance_errors", "compliances"),
     (frf_stages, "estimate_response_errors", "responses"),
 )
 

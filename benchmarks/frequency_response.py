@@ -10,10 +10,10 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.solvers.frequency_response import evaluate_frf, find_peaks, prepare_frf
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.linear.frequency_response import evaluate_frf, find_peaks, prepare_frf
+from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.frequency_cases import PORTS, TO_HZ, column_models, direct_response
+from headstock.validation.parts.response_cases import PORTS, TO_HZ, column_models, direct_response
 
 COUNT, TRIED, REPEATS = 1000, 3, 5
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.pipeline.analysis_requests import MapRequest
-from headstock.pipeline.contouring_runs import run_contour
-from headstock.pipeline.workspace_map import map_workspace
-from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
-from headstock.validation.contouring_cases import contour_request
-from headstock.validation.tripteor_machine import PLANE_HALF, PLANE_HEIGHT, load_tripteor
+from headstock.pipeline.stages.contouring import run_contour
+from headstock.pipeline.stages.map import map_workspace
+from headstock.scene.requests import MapRequest
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.validation.mechanisms.contouring_cases import contour_request
+from headstock.validation.mechanisms.tripteor_machine import PLANE_HALF, PLANE_HEIGHT, load_tripteor
 
 PAPER_MODES, PAPER_CONTOUR, WHOLE = 0.5, 6 * 3600.0, 10.7
 

@@ -17,12 +17,12 @@ from pathlib import Path
 from mpi4py import MPI
 from step_parts import PARTS, write_part
 
-from headstock.meshing.component_meshing import mesh_component
-from headstock.pipeline.planner import plan_scene
+from headstock.meshing.components.meshing import mesh_component
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import Scene
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.store import Store
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
 
 SCENE = """name = "part"
 materials.iron = { E = "110 GPa", nu = 0.28, rho = "7200 kg/m^3" }

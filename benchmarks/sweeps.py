@@ -19,10 +19,10 @@ PROGRAM = """
 import resource, sys
 from pathlib import Path
 from mpi4py import MPI
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.sweep_files import write_sweep
-from headstock.pipeline.sweep_results import collect_results
-from headstock.pipeline.sweep_runs import SweepJob, run_sweep, select_analyses
+from headstock.scene.building.loader import load_scene
+from headstock.studies.sweeps.files import write_sweep
+from headstock.studies.sweeps.results import collect_results
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
 
 comm, out = MPI.COMM_WORLD, Path(sys.argv[2])
 scene = load_scene(Path(sys.argv[1]))

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.machines import Machine
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.store import Store
-from headstock.pipeline.variant_solving import VariantChoice, VariantSolution, solve_variant
-from headstock.reduction.compliance_budget import point_compliance
-from headstock.reduction.coupling import couple
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.geometry.machine.machine import Machine
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.motions.compliance_budget import point_compliance
+from headstock.scene.building.loader import load_scene
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.studies.variants import VariantChoice, VariantSolution, solve_variant
 
 SCENE = Path(__file__).resolve().parents[1] / "machines" / "three_axis.toml"
 PARTS = ("column_left", "column_right", "y_base")

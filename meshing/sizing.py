@@ -2,8 +2,8 @@
 
 import math
 
-from headstock.geometry.components import Patch
-from headstock.geometry.solids import Box, HollowColumn, Plate, Tube
+from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
 
 ParametricSolid = Box | Tube | Plate | HollowColumn
 CELL_BUDGET = 3_000_000

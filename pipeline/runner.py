@@ -9,46 +9,46 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.errors import lacks_memory, out_of_memory
-from headstock.geometry.solids import SuperelementFile
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.accuracy_search import search_settings
-from headstock.pipeline.budgets import check_elapsed
-from headstock.pipeline.component_stages import (
+from headstock.pipeline.accuracy.search import search_settings
+from headstock.pipeline.planning.budgets import check_elapsed
+from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.resources_2 import measure
+from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
+from headstock.pipeline.results.results import ComponentFacts, Results
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.stages.components import (
     run_load_stage,
     run_mesh_stage,
     run_reduce_stage,
     run_rigid_stage,
     run_segment_stage,
 )
-from headstock.pipeline.content_keys import library_versions
-from headstock.pipeline.contouring_stage import run_contour_stage
-from headstock.pipeline.control_stage import run_control_stage
-from headstock.pipeline.frf_stages import run_frf_stage
-from headstock.pipeline.interface_spread import run_spread_stage
-from headstock.pipeline.machine_stages import run_couple_stage, run_modal_stage, run_static_stage
-from headstock.pipeline.machine_views import MachineView
-from headstock.pipeline.map_stage import run_map_stage
-from headstock.pipeline.mechanism_stages import (
+from headstock.pipeline.stages.contouring_stage import run_contour_stage
+from headstock.pipeline.stages.control import run_control_stage
+from headstock.pipeline.stages.frf import run_frf_stage
+from headstock.pipeline.stages.machine import run_couple_stage, run_modal_stage, run_static_stage
+from headstock.pipeline.stages.map_stage import run_map_stage
+from headstock.pipeline.stages.mechanism import (
     run_lumped_frf_stage,
     run_lumped_modal_stage,
     run_lumped_static_stage,
     run_place_stage,
 )
-from headstock.pipeline.outputs import PendingOutputs, prepare_output
-from headstock.pipeline.path_stage import run_path_stage
-from headstock.pipeline.planner import plan_scene
-from headstock.pipeline.probe_stages import run_recover_stage
-from headstock.pipeline.provenance import Provenance
-from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.resources import measure
-from headstock.pipeline.result_files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
-from headstock.pipeline.result_warnings import find_warnings
-from headstock.pipeline.results import ComponentFacts, Results
-from headstock.pipeline.run_state import Outcome, ReducedComponent, RunState
-from headstock.pipeline.scene import Scene
-from headstock.pipeline.stages import Plan, Stage, StageRecord
-from headstock.pipeline.store import Store, default_store_root
-from headstock.pipeline.volume_files import write_volumes
+from headstock.pipeline.stages.path_stage import run_path_stage
+from headstock.pipeline.stages.probes import run_recover_stage
+from headstock.pipeline.stages.result_warnings import find_warnings
+from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState
+from headstock.pipeline.stages.spread import run_spread_stage
+from headstock.pipeline.stages.volume_files import write_volumes
+from headstock.pipeline.storage.content_keys import library_versions
+from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.scene import Scene
+from headstock.solvers.rank_messages import share_from_root
 
 Observer = Callable[[StageRecord], None]
 Announcer = Callable[[Stage], None]

@@ -4,16 +4,16 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from headstock.pipeline.outputs import OutputError, check_output
-from headstock.pipeline.planner import plan_scene
-from headstock.pipeline.provenance import Provenance
-from headstock.pipeline.rank_messages import share_from_root
-from headstock.pipeline.run_state import RunState
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.scene import Scene
-from headstock.pipeline.store import Store, default_store_root
-from headstock.pipeline.superelement_files import write_superelement
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.outputs import OutputError, check_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.pipeline.storage.superelements import write_superelement
+from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
+from headstock.solvers.rank_messages import share_from_root
 
 
 def export_superelement(

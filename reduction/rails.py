@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from headstock.geometry.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations
-from headstock.geometry.components import Component, Interface
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
-from headstock.geometry.rail_spans import rail_span
+from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations
+from headstock.geometry.machine.rail_spans import rail_span
+from headstock.geometry.parts.components import Component, Interface
 from headstock.solvers.errors import ModelError
 
 STATION_DOFS = 4

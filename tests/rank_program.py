@@ -9,18 +9,18 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, Load, Patch, ReductionSettings, Support
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
+from headstock.geometry.parts.components import Component, Interface, Load, Patch, ReductionSettings, Support
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.mesh_surface import extract_surface
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.meshing.elements.surface import extract_surface
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.block_lanczos import ModeTarget
-from headstock.solvers.sturm_count import count_frequencies_below
-from headstock.validation.full_models import full_displacement, full_model, full_modes
-from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.validation.parts.component_models import full_displacement, full_model, full_modes
+from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 
 COMM = MPI.COMM_WORLD
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.editor_schema import plain_schema, targets_schema
-from headstock.app.scene_reference import render_reference
-from headstock.pipeline.key_notes import NOTES
-from headstock.pipeline.scene_loader import load_scene
+from headstock.app.actions.editor_schema import plain_schema, targets_schema
+from headstock.app.actions.scene_reference import render_reference
+from headstock.scene.building.loader import load_scene
+from headstock.scene.schema.key_notes import NOTES
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = ("README.md", "docs/tutorial.md")

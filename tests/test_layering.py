@@ -1,4 +1,4 @@
-"""The tree is what the design says: layers point left, modules form a DAG, heavy libraries stay in their adapters."""
+"""The tree is what it says: layers and rooms point one way, modules form no circle, heavy libraries stay in their rooms."""
 
 import ast
 import re
@@ -10,29 +10,88 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-LAYERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app")
+# A layer imports from those before it; scene and reduction stand side by side, and of meshing a scene sees the sizes only.
+LAYERS = ("geometry", "meshing", "solvers", "reduction", "scene", "pipeline", "studies", "validation", "app")
+APART = {("scene", "reduction")}
+# What the files of a layer that are in no room are: nouns that its rooms import, or doors that import its rooms.
+GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene"}
+BELOW_THE_GROUND = {("scene", "reading")}  # the nouns of a scene know where they were written
+# Which rooms of its own layer a room may import from.
+ROOMS: dict[str, dict[str, set[str]]] = {
+    "geometry": {"parts": set(), "mechanisms": set(), "machine": {"parts", "mechanisms"}},
+    "meshing": {
+        "process": set(),
+        "elements": {"process"},
+        "files": {"process", "elements"},
+        "cad": {"process", "elements", "files"},
+        "components": {"process", "elements", "files"},
+    },
+    "solvers": {
+        "elastic": set(),
+        "linear": set(),
+        "mechanisms": set(),
+        "control": {"linear"},
+        "paths": {"linear", "control"},
+        "milling": {"linear", "mechanisms"},
+    },
+    "reduction": {
+        "components": set(),
+        "coupling": set(),
+        "motions": {"components", "coupling"},
+        "estimates": {"components", "coupling", "motions"},
+    },
+    "scene": {"reading": set(), "schema": {"reading"}, "building": {"reading", "schema"}},
+    "pipeline": {
+        "planning": set(),
+        "storage": set(),
+        "results": {"planning", "storage"},
+        "stages": {"planning", "storage", "results"},
+        "accuracy": {"planning", "storage", "results", "stages"},
+    },
+    "studies": {"parameters": set(), "sweeps": set(), "identification": set()},
+    "validation": {
+        "references": set(),
+        "parts": {"references"},
+        "mechanisms": {"references", "parts"},
+        "coverage": {"references", "parts"},
+        "machines": {"references", "parts", "mechanisms"},
+        "ladder": {"references", "parts", "mechanisms"},
+        "campaigns": {"references", "parts", "mechanisms"},
+    },
+    "app": {
+        "texts": set(),
+        "pictures": set(),
+        "terminal": {"texts", "pictures"},
+        "charts": {"texts", "pictures", "terminal"},
+        "report": {"texts", "pictures", "terminal"},
+        "actions": {"texts", "pictures", "terminal", "charts", "report"},
+        "commands": {"texts", "pictures", "terminal", "charts", "report", "actions"},
+    },
+}
+MOST_MODULES = 20  # in a folder: what is longer is no longer seen at a glance
 ADAPTERS = {
-    "gmsh": {"meshing"},
-    "meshio": {"meshing"},
-    "basix": {"solvers"},
-    "dolfinx": {"solvers"},
-    "ffcx": {"solvers"},
-    "ufl": {"solvers"},
-    "petsc4py": {"solvers"},
-    "slepc4py": {"solvers"},
-    "pydantic": {"pipeline"},
-    "pint": {"pipeline"},
-    "typer": {"app"},
-    "click": {"app"},
-    "rich": {"app"},
-    "matplotlib": {"app"},
-    "jinja2": {"app"},
-    "vtk": {"app"},
-    "vtkmodules": {"app"},
-    "pyvista": {"app"},
+    "gmsh": {"meshing/cad", "meshing/files"},
+    "meshio": {"meshing/files"},
+    "basix": {"solvers/elastic"},
+    "dolfinx": {"solvers/elastic"},
+    "ffcx": {"solvers/elastic"},
+    "ufl": {"solvers/elastic"},
+    "petsc4py": {"solvers/elastic"},
+    "slepc4py": {"solvers/elastic"},
+    "pydantic": {"scene/schema", "studies/identification"},
+    "pint": {"scene/reading"},
+    "typer": {"app", "app/commands", "app/actions", "app/terminal"},
+    "click": {"app", "app/commands", "app/actions", "app/terminal"},
+    "rich": {"app", "app/texts", "app/terminal", "app/actions", "app/commands"},
+    "matplotlib": {"app/charts", "app/pictures"},
+    "jinja2": {"app/report", "app/actions"},
+    "vtk": {"app/pictures"},
+    "vtkmodules": {"app/pictures"},
+    "pyvista": {"app/pictures"},
 }
 
 MODULES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))
+FOLDERS = sorted({path.parent for path in MODULES})
 TREES = {path: ast.parse(path.read_text()) for path in MODULES}
 
 
@@ -44,7 +103,14 @@ def module_name(path: Path) -> str:
     return ".".join(("headstock", *path.relative_to(ROOT).with_suffix("").parts))
 
 
+def room_of(path: Path) -> str:
+    """Name of the room inside its layer; empty for the layer's own files."""
+    parts = path.relative_to(ROOT).parts
+    return parts[1] if len(parts) == 3 else ""
+
+
 KNOWN = {module_name(path) for path in MODULES}
+PACKAGES = {name.removesuffix(".__init__") for name in KNOWN}
 
 
 def imported_names(node: ast.AST) -> list[str]:
@@ -66,13 +132,51 @@ def offenders(wrong: Callable[[Path], object]) -> dict[str, object]:
     return {place: what for place, what in found.items() if what}
 
 
-def test_a_module_imports_only_from_its_own_folder_or_folders_to_its_left() -> None:
+def may_import(importer: tuple[str, str], imported: tuple[str, str]) -> bool:
+    """Whether a module of one (layer, room) may import from another."""
+    (layer, room), (other, other_room) = importer, imported
+    if layer != other:
+        if (layer, other) == ("scene", "meshing"):
+            return other_room == ""
+        return LAYERS.index(other) < LAYERS.index(layer) and (layer, other) not in APART
+    if room == other_room:
+        return True
+    if room == "":
+        return layer not in GROUNDS or (layer, other_room) in BELOW_THE_GROUND
+    if other_room == "":
+        return layer in GROUNDS and (layer, room) not in BELOW_THE_GROUND
+    return other_room in ROOMS[layer][room]
+
+
+def test_a_module_imports_only_from_layers_and_rooms_before_its_own() -> None:
+    places = {module_name(path): (layer_of(path), room_of(path)) for path in MODULES}
+
     def wrong(path: Path) -> set[str]:
-        allowed = LAYERS[: LAYERS.index(layer_of(path)) + 1]
-        inside = {name for name in IMPORTS[path] if name == "headstock" or name.startswith("headstock.")}
-        return {name for name in inside if name.split(".")[1:2] == [] or name.split(".")[1] not in allowed}
+        # a layer as a whole is imported for its folder only, where its code is part of a key
+        inside = {name for name in IMPORTS[path] if name in places}
+        return {name for name in inside if not may_import((layer_of(path), room_of(path)), places[name])}
 
     assert offenders(wrong) == {}
+
+
+def test_an_import_of_this_program_names_a_module() -> None:
+    def wrong(path: Path) -> set[str]:
+        layers = {f"headstock.{layer}" for layer in LAYERS}
+        return {name for name in IMPORTS[path] if name.split(".")[0] == "headstock" and name not in KNOWN | layers}
+
+    assert offenders(wrong) == {}
+
+
+def test_every_room_is_in_the_table_and_rooms_form_no_circle() -> None:
+    found = {layer: {room_of(path) for path in MODULES if layer_of(path) == layer} - {""} for layer in LAYERS}
+    assert found == {layer: set(rooms) for layer, rooms in ROOMS.items()}
+    for rooms in ROOMS.values():
+        assert len(list(TopologicalSorter(rooms).static_order())) == len(rooms)
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.relative_to(ROOT).as_posix())
+def test_a_folder_is_seen_at_a_glance(folder: Path) -> None:
+    assert len([path for path in folder.glob("*.py") if path.stem != "__init__"]) <= MOST_MODULES
 
 
 def test_modules_form_a_directed_acyclic_graph() -> None:
@@ -84,7 +188,7 @@ def test_modules_form_a_directed_acyclic_graph() -> None:
 def test_heavy_libraries_are_imported_only_in_their_adapter_folders() -> None:
     def wrong(path: Path) -> set[str]:
         libraries = {name.split(".")[0] for name in IMPORTS[path]}
-        return {name for name in libraries & set(ADAPTERS) if layer_of(path) not in ADAPTERS[name]}
+        return {name for name in libraries & set(ADAPTERS) if path.parent.relative_to(ROOT).as_posix() not in ADAPTERS[name]}
 
     assert offenders(wrong) == {}
 
@@ -113,9 +217,6 @@ def test_only_the_command_line_folder_imports_inside_functions() -> None:
     assert offenders(wrong) == {}
 
 
-FOLDERS = sorted({path.parent for path in MODULES})
-
-
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.relative_to(ROOT).as_posix())
 def test_a_package_file_holds_a_docstring_and_nothing_else(folder: Path) -> None:
     tree = ast.parse((folder / "__init__.py").read_text())
@@ -137,7 +238,7 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
 
     def wrong(path: Path) -> set[str]:
         texts = {node.value for node in ast.walk(TREES[path]) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-        return {text for text in texts if pattern.fullmatch(text) and text not in KNOWN}
+        return {text for text in texts if pattern.fullmatch(text) and text not in KNOWN | PACKAGES}
 
     named = [path for path in MODULES if pattern.search(path.read_text())]
     assert len(named) > 100

@@ -54,7 +54,7 @@ def test_a_scene_runs_from_the_wheel_which_holds_every_module_and_asset(tmp_path
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(installed)
     layers = [link.resolve() for link in (ROOT / ".typing" / "headstock").iterdir()]
-    # the rest of app/viewer is what its script was packed from
+    # the rest of app/report/viewer is what its script was packed from
     files = {
         path.relative_to(ROOT) for layer in layers for path in layer.rglob("*") if path.suffix in ASSETS or path.name == "py.typed"
     }

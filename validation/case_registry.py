@@ -5,16 +5,47 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from headstock.validation.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
-from headstock.validation.axis_kit_cases import check_axis_kit
-from headstock.validation.beam_cases import (
+from headstock.validation.coverage.cases import check_coverage, check_coverage_smoke
+from headstock.validation.machines.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
+from headstock.validation.machines.axis_kit_cases import check_axis_kit
+from headstock.validation.machines.drive_cases import check_friction, check_sampled_control, check_two_masses
+from headstock.validation.machines.estimate_cases_2 import check_frequency_estimates, check_step_estimates
+from headstock.validation.machines.guideway_cases import check_guideway
+from headstock.validation.machines.identification_cases_2 import check_identification
+from headstock.validation.machines.machine_cases import check_three_axis_machine
+from headstock.validation.machines.path_cases_2 import check_path_roads, check_path_test
+from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates
+from headstock.validation.machines.response_estimate_cases_2 import check_response_estimates
+from headstock.validation.mechanisms.contouring_cases import (
+    check_contouring,
+    check_nonlinear_contour,
+    check_whole_nonlinear_contour,
+)
+from headstock.validation.mechanisms.mechanism_cases import (
+    check_inverse_kinematics,
+    check_limits,
+    check_mechanism_derivatives,
+    check_mirror_symmetry,
+    check_three_models,
+)
+from headstock.validation.mechanisms.motion_cases import (
+    check_common_path,
+    check_constraint_drift,
+    check_energy_balance,
+    check_integration_orders,
+    check_million_steps,
+)
+from headstock.validation.mechanisms.singular_cases import check_singular_passage
+from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
+from headstock.validation.mechanisms.tripteor_cases import check_compliances, check_elastic_legs, check_leg_roads
+from headstock.validation.mechanisms.tripteor_cases_2 import check_lumped_modes, check_modal_cost, check_paper_claims
+from headstock.validation.parts.beam_cases import (
     check_cantilever_modes,
     check_cantilever_statics,
     check_fixed_beam_modes,
     check_fixed_beam_statics,
 )
-from headstock.validation.case_rows import ValidationRow
-from headstock.validation.closed_form_cases import (
+from headstock.validation.parts.closed_form_cases import (
     check_block_theory,
     check_cantilever_theory,
     check_deep_beam_theory,
@@ -23,55 +54,28 @@ from headstock.validation.closed_form_cases import (
     check_slender_beam_theory,
     check_torsion_constants,
 )
-from headstock.validation.contouring_cases import check_contouring, check_nonlinear_contour, check_whole_nonlinear_contour
-from headstock.validation.coverage_cases import check_coverage, check_coverage_smoke
-from headstock.validation.deep_beam_response import check_harmonic_beam, check_transient_beam
-from headstock.validation.drive_cases import check_friction, check_sampled_control, check_two_masses
-from headstock.validation.estimate_cases import check_frequency_estimates, check_step_estimates
-from headstock.validation.frequency_cases import check_beam_truncation, check_column_response
-from headstock.validation.guideway_cases import check_guideway
-from headstock.validation.identification_cases import check_identification
-from headstock.validation.machine_cases import check_three_axis_machine
-from headstock.validation.mechanism_cases import (
-    check_inverse_kinematics,
-    check_limits,
-    check_mechanism_derivatives,
-    check_mirror_symmetry,
-    check_three_models,
-)
-from headstock.validation.mechanism_time_cases import (
-    check_common_path,
-    check_constraint_drift,
-    check_energy_balance,
-    check_integration_orders,
-    check_million_steps,
-)
-from headstock.validation.mesh_response_cases import check_mesh_response_estimates
-from headstock.validation.modal_benchmarks import (
+from headstock.validation.parts.deep_beam import check_harmonic_beam, check_transient_beam
+from headstock.validation.parts.modal_benchmarks import (
     check_block,
     check_deep_beam,
     check_free_column,
     check_slender_cantilever,
     check_square_column,
 )
-from headstock.validation.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
-from headstock.validation.path_cases import check_path_roads, check_path_test
-from headstock.validation.plate_cases import check_thin_plates
-from headstock.validation.rail_bases import check_rail_bases
-from headstock.validation.reduction_cases import (
+from headstock.validation.parts.order_cases import check_displacement_orders, check_rod_frequencies, check_rod_orders
+from headstock.validation.parts.plate_cases import check_thin_plates
+from headstock.validation.parts.rail_bases import check_rail_bases
+from headstock.validation.parts.reduction_cases import (
     check_all_modes,
     check_mean_truncation,
     check_mode_truncation,
     check_rigid_body_content,
     check_static_exactness,
 )
-from headstock.validation.response_estimate_cases import check_response_estimates
-from headstock.validation.singular_cases import check_singular_passage
-from headstock.validation.stability_cases import check_contour_stability, check_stability_methods
-from headstock.validation.static_benchmarks import check_straight_cantilever, check_thick_plate
-from headstock.validation.time_cases import check_rod_peak, check_rod_step
-from headstock.validation.tripteor_cases import check_lumped_modes, check_modal_cost, check_paper_claims
-from headstock.validation.tripteor_leg_cases import check_compliances, check_elastic_legs, check_leg_roads
+from headstock.validation.parts.response_cases import check_beam_truncation, check_column_response
+from headstock.validation.parts.static_benchmarks import check_straight_cantilever, check_thick_plate
+from headstock.validation.parts.time_cases import check_rod_peak, check_rod_step
+from headstock.validation.references.rows import ValidationRow
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
 

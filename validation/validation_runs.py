@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.validation.case_registry import CASES, Case, case_names, group_names
-from headstock.validation.case_rows import ValidationRow, failed_computation
+from headstock.validation.references.rows import ValidationRow, failed_computation
 
 
 class UnknownCaseError(ValueError):

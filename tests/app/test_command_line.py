@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app import guard
 from headstock.app.command_line import main
+from headstock.app.terminal import guard
 from headstock.geometry.errors import HeadstockError
 
 HEAVY = ("dolfinx", "petsc4py", "slepc4py", "gmsh", "meshio", "pyvista", "matplotlib")

@@ -398,7 +398,7 @@ def test_where_no_view_can_be_made_the_remedy_is_said(host: Host) -> None:
 VIEW = """#!{python} -P
 import ctypes, os, sys
 sys.path.insert(0, {packages!r})
-from headstock.meshing import guarded_process as guarded
+from headstock.meshing.process import guarded
 
 uid, gid, words, stage, folder = os.geteuid(), os.getegid(), sys.argv[1:], {stage!r}, "/"
 os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS)

@@ -15,8 +15,8 @@ import pytest
 import scipy.io
 
 from headstock.app.command_line import main
-from headstock.pipeline.provenance import UNKNOWN, find_version
-from headstock.pipeline.superelement_files import read_superelement
+from headstock.pipeline.storage.provenance import UNKNOWN, find_version
+from headstock.pipeline.storage.superelements import read_superelement
 
 OVERRIDE = "materials.steel.nu=0.29"
 
@@ -182,6 +182,6 @@ def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(tmp_path
 
 
 def test_what_is_neither_checkout_nor_installed_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("headstock.pipeline.provenance.DISTRIBUTION", "headstock-that-nobody-installs")
+    monkeypatch.setattr("headstock.pipeline.storage.provenance.DISTRIBUTION", "headstock-that-nobody-installs")
     found = find_version(tmp_path)
     assert (found.version, found.commit) == (UNKNOWN, UNKNOWN)

@@ -39,7 +39,7 @@ FAILING_RANK = """
 import sys
 from mpi4py import MPI
 from headstock.app.command_line import main
-from headstock.reduction import elastic_reduction
+from headstock.reduction.components import elastic
 
 whole = elastic_reduction.assemble_elasticity
 

@@ -7,9 +7,9 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.solvers.sturm_count import count_frequencies_below
-from headstock.validation.full_models import full_model, full_modes, rigid_frequencies
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.validation.parts.component_models import full_model, full_modes, rigid_frequencies
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)

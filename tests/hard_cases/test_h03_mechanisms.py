@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import Frame, rotation_about
-from headstock.geometry.machines import Pose, orient_machine
-from headstock.reduction.compliance_budget import find_weakest_link, point_budget, point_compliance
-from headstock.reduction.coupling import couple
-from headstock.reduction.free_motions import find_free_motions
-from headstock.reduction.mode_naming import name_modes
+from headstock.geometry.machine.machine import Pose, orient_machine
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget, point_compliance
+from headstock.reduction.motions.free_motions import find_free_motions
+from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.errors import ModelError
-from headstock.solvers.modal_analysis import solve_modal
-from headstock.solvers.static_response import solve_static
-from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.static_response import solve_static
+from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

@@ -7,10 +7,10 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from headstock.solvers.block_lanczos import ModeTarget, lowest_eigenpairs
-from headstock.solvers.constrained_solver import ConstrainedSolver
-from headstock.solvers.sturm_count import count_frequencies_below
-from headstock.validation.full_models import full_model, full_modes
+from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
+from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.validation.parts.component_models import full_model, full_modes
 
 COMM = MPI.COMM_SELF
 SIDE, HEIGHT = 0.1, 0.8

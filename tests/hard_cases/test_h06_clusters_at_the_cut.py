@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.block_lanczos import CLUSTER_GAP, ModeTarget, cluster_end
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import CLUSTER_GAP, ModeTarget, cluster_end
 
 COMM = MPI.COMM_SELF
 # nearly square: bending in x and in y differ by 0.2 %, as 1.723 and 1.727 Hz do

@@ -7,8 +7,8 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.solvers.sturm_count import count_frequencies_below
-from headstock.validation.full_models import full_model, full_modes
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.validation.parts.component_models import full_model, full_modes
 
 COMM = MPI.COMM_SELF
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Patch, Support
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.geometry.parts.components import Patch, Support
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.block_lanczos import ModeTarget
+from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.validation.full_models import full_displacement, full_model, full_modes
+from headstock.validation.parts.component_models import full_displacement, full_model, full_modes
 
 COMM = MPI.COMM_SELF
 LENGTH, WIDTH, THICKNESS = 1.0, 0.02, 1e-3

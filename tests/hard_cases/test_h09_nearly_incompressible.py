@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Load, Patch, Support
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.validation.element_integrals import integrate_over_cells
-from headstock.validation.structured_meshes import lattice_mesh, straight_lattice
+from headstock.geometry.parts.components import Load, Patch, Support
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.validation.parts.element_integrals import integrate_over_cells
+from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 
 COMM = MPI.COMM_SELF
 INNER, OUTER, HEIGHT = 0.1, 0.2, 0.02

@@ -8,12 +8,12 @@ import gmsh
 import numpy as np
 import pytest
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import StepFile
-from headstock.meshing.component_meshing import estimate_cells, mesh_component
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.meshing import estimate_cells, mesh_component
 from headstock.meshing.errors import MeshError
-from headstock.meshing.mesh_checks import patch_moments
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 Write = Callable[[str], Path]

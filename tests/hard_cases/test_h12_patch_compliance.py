@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch, Support
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
-from headstock.meshing.component_meshing import mesh_component
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.components.meshing import mesh_component
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF

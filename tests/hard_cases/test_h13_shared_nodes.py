@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_transfer
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.interface_patches import measure_patch
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.block_lanczos import ModeTarget
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import ModeTarget
 
 COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.3, 0.4)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.block_lanczos import ModeTarget
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF

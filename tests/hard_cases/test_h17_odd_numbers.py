@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.geometry.machines import Pose
-from headstock.reduction.coupling import couple
+from headstock.geometry.machine.machine import Pose
+from headstock.reduction.coupling.coupling import couple
 from headstock.solvers.errors import HeadstockError, ModelError
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.solvers.static_response import solve_static
-from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body
+from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

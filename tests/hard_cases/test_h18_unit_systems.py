@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Load, Patch
-from headstock.geometry.materials import Material
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.block_lanczos import ModeTarget
-from headstock.validation.full_models import full_model, full_modes
+from headstock.geometry.parts.components import Load, Patch
+from headstock.geometry.parts.materials import Material
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.validation.parts.component_models import full_model, full_modes
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)

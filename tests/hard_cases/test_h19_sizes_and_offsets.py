@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
-from headstock.meshing.component_meshing import mesh_component
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.components.meshing import mesh_component
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.block_lanczos import ModeTarget
-from headstock.validation.full_models import full_model, full_modes
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.validation.parts.component_models import full_model, full_modes
 
 COMM = MPI.COMM_SELF
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)

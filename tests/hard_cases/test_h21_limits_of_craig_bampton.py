@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Load, Patch
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.solvers.block_lanczos import ModeTarget
+from headstock.geometry.parts.components import Load, Patch
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import ModeTarget
 
 COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.4)

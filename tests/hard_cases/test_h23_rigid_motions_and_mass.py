@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import Frame, rigid_transfer
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.block_lanczos import ModeTarget
+from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.errors import AccuracyError
 
 COMM = MPI.COMM_SELF

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.reduction_requests import ReductionRequest
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.block_lanczos import ModeTarget
-from headstock.solvers.sturm_count import count_frequencies_below
-from headstock.validation.full_models import full_model, full_modes
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.validation.parts.component_models import full_model, full_modes
 
 COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.2)

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.machines import Pose
-from headstock.geometry.materials import Material
-from headstock.reduction.coupling import couple
-from headstock.solvers.damping_models import add_modal_damping
-from headstock.solvers.frequency_response import solve_frf
-from headstock.solvers.modal_coordinates import keep_modes, to_modal_coordinates
-from headstock.solvers.modal_sum import sum_over_modes
-from headstock.solvers.static_response import solve_static
+from headstock.geometry.machine.machine import Pose
+from headstock.geometry.parts.materials import Material
+from headstock.reduction.coupling.coupling import couple
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.frequency_response import solve_frf
+from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
+from headstock.solvers.linear.response_forms import sum_over_modes
+from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.system_ports import input_columns, output_rows
-from headstock.validation.line_elements import TIP, cantilever_system
-from headstock.validation.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
-from headstock.validation.prismatic_beams import PrismaticBeam
+from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
+from headstock.validation.parts.line_elements import TIP, cantilever_system
+from headstock.validation.references.prismatic_beams import PrismaticBeam
 
 BEAM = PrismaticBeam(1.0, 1.0, 12.0 ** (1.0 / 3.0), Material("unit", 1.0, 0.3, 1.0))
 # 12 / lambda^4 with cos cosh = -1, summed

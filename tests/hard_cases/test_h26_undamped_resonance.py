@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from headstock.solvers.frequency_grid import refine_grid
-from headstock.solvers.frequency_response import evaluate_frf, prepare_frf, solve_frf
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.linear.frequency_grid import refine_grid
+from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, solve_frf
+from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORT = ("mass", "x")

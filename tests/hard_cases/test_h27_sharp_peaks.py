@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.solvers.damped_modes import solve_damped
-from headstock.solvers.frequency_grid import refine_grid
-from headstock.solvers.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.frequency_grid import refine_grid
+from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.linear.stability_figures import find_stability_figures
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.solvers.stability_figures import find_stability_figures
 
 PORT = ("end", "x")
 SIZE = 6

@@ -1,6 +1,6 @@
 """H29: damping that couples modes, overdamped pairs and dashpots that swallow every wave.
 
-Closed forms of one and two masses are in ``tests/solvers/test_damped_modes.py``.
+Closed forms of one and two masses are in ``tests/solvers/linear/test_damped_modes.py``.
 """
 
 import dataclasses
@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headstock.geometry.materials import Material
-from headstock.solvers.damped_modes import solve_damped
-from headstock.solvers.frequency_response import solve_frf
+from headstock.geometry.parts.materials import Material
+from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.line_elements import TIP, rod_system
-from headstock.validation.prismatic_beams import PrismaticBeam
+from headstock.validation.parts.line_elements import TIP, rod_system
+from headstock.validation.references.prismatic_beams import PrismaticBeam
 
 ROD = PrismaticBeam(1.0, 0.05, 0.05, Material("nu0", 210e9, 0.0, 7850.0))
 SPEED = np.sqrt(210e9 / 7850.0)

@@ -6,17 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from headstock.geometry.drives import AxisControl
-from headstock.solvers.drive_loops import close_loops
-from headstock.solvers.errors import UnstableControlError
-from headstock.solvers.loop_stability import (
+from headstock.geometry.machine.drives import AxisControl
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.stability import (
     find_largest_gain,
     find_loop_poles,
     require_stable,
     scale_position_gain,
     scale_velocity_gain,
 )
-from headstock.validation.two_mass_drive import TwoMasses, make_drive
+from headstock.solvers.errors import UnstableControlError
+from headstock.validation.machines.two_mass_drive import TwoMasses, make_drive
 
 MASSES = TwoMasses(damping=50.0)
 SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from headstock.solvers.damping_models import add_modal_damping
-from headstock.solvers.linear_time_response import make_propagator, solve_time_response
-from headstock.solvers.modal_analysis import solve_modal
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.state_space import to_state_space
+from headstock.solvers.linear.time_response import make_propagator, solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.solvers.state_space import to_state_space
 
 PORT = ("end", "x")
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.materials import Material
-from headstock.solvers.damping_models import add_modal_damping
-from headstock.solvers.linear_time_response import solve_time_response
-from headstock.solvers.modal_analysis import solve_modal
-from headstock.solvers.state_space import to_state_space
-from headstock.validation.line_elements import TIP, cantilever_system
-from headstock.validation.prismatic_beams import PrismaticBeam
+from headstock.geometry.parts.materials import Material
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.state_space import to_state_space
+from headstock.solvers.linear.time_response import solve_time_response
+from headstock.validation.parts.line_elements import TIP, cantilever_system
+from headstock.validation.references.prismatic_beams import PrismaticBeam
 
 BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 

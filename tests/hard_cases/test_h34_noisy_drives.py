@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.contouring import linear_motion, march_linear
-from headstock.solvers.path_drives import PathDrive, follow_path, smooth_samples
-from headstock.solvers.tool_paths import SquareContour, square_path
-from headstock.validation.tripteor_machine import Tripteor, load_tripteor
+from headstock.solvers.milling.contouring import linear_motion, march_linear
+from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
+from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 CONTOUR = SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01)
 SPAN, NOISE, RATE = 0.6, 1e-6, 1e-3

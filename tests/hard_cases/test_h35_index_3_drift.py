@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from headstock.solvers.coordinate_partitioning import Drive
-from headstock.solvers.generalized_alpha import AlphaScheme, MotionState, integrate_motion
-from headstock.solvers.mechanism_motion import ConstrainedMotion, PartitionedMotion
-from headstock.validation.tripteor_machine import load_tripteor
+from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme, MotionState, integrate_motion
+from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion
+from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 STEPS = 700
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import ClosureError
-from headstock.solvers.contouring import linear_motion, march_linear
-from headstock.solvers.coordinate_partitioning import Drive
-from headstock.solvers.generalized_alpha import MotionState, integrate_motion
-from headstock.solvers.mechanism_motion import ConstrainedMotion, project_start
-from headstock.solvers.path_drives import follow_path
-from headstock.solvers.tool_paths import SquareContour, square_path
-from headstock.validation.tripteor_machine import Tripteor, load_tripteor
+from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
+from headstock.solvers.mechanisms.motion import ConstrainedMotion, project_start
+from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.milling.contouring import linear_motion, march_linear
+from headstock.solvers.milling.path_drives import follow_path
+from headstock.solvers.milling.tool_path import SquareContour, square_path
+from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 
 @pytest.fixture(scope="module")

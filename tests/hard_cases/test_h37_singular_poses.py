@@ -12,15 +12,15 @@ import scipy.optimize
 
 from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.loop_closures import find_mobility
-from headstock.geometry.parallel_platforms import planar_3rpr_state
-from headstock.solvers.compliant_mechanism import CompliantMechanism
-from headstock.solvers.coordinate_partitioning import Drive
+from headstock.geometry.mechanisms.closures import find_mobility
+from headstock.geometry.mechanisms.platforms import planar_3rpr_state
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.generalized_alpha import Linearisation, MotionState, integrate_motion
-from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
-from headstock.solvers.mechanism_motion import PartitionedMotion
-from headstock.validation.singular_cases import (
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState, integrate_motion
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.motion import PartitionedMotion
+from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.singular_cases import (
     BASE,
     INERTIA,
     INNER,

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import SingularPoseError
-from headstock.geometry.exechon import ExechonDimensions, exechon_mechanism
-from headstock.geometry.exechon_poses import platform_states
-from headstock.geometry.loop_closures import closure_residual, find_mobility
-from headstock.geometry.mechanisms import Alignment, ChainItem, Mark, Mechanism, Meeting, shift, turn
-from headstock.solvers.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.coordinate_partitioning import Drive
-from headstock.solvers.mechanism_motion import ConstrainedMotion
+from headstock.geometry.mechanisms.closures import closure_residual, find_mobility
+from headstock.geometry.mechanisms.exechon import platform_states
+from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions, exechon_mechanism
+from headstock.geometry.mechanisms.mechanism import Alignment, ChainItem, Mark, Mechanism, Meeting, shift, turn
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
+from headstock.solvers.mechanisms.motion import ConstrainedMotion
+from headstock.solvers.mechanisms.partitioning import Drive
 
 QUARTER = 0.5 * np.pi
 EXECHON = ExechonDimensions((-0.57, 0.57, 0.73), (-0.22, 0.22, 0.20), wrist=(0.0, 0.33))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import ClosureError, JointLimitError, SingularPoseError, UnreachablePoseError
-from headstock.geometry.exechon import ExechonDimensions
-from headstock.geometry.exechon_poses import ASSEMBLIES, MountedExechon, platform_states, solve_tool_pose, survey_tool_poses
 from headstock.geometry.frames import Frame, rotation_about
-from headstock.geometry.loop_closures import close_loops
-from headstock.geometry.parallel_platforms import planar_3rpr, planar_3rpr_assemblies, planar_3rpr_state
-from headstock.solvers.path_drives import follow_path
-from headstock.solvers.tool_paths import PathPoints
+from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.exechon import ASSEMBLIES, MountedExechon, platform_states, solve_tool_pose, survey_tool_poses
+from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions
+from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_assemblies, planar_3rpr_state
+from headstock.solvers.milling.path_drives import follow_path
+from headstock.solvers.milling.tool_path import PathPoints
 
 DOWN = np.array([0.0, 0.0, -1.0])
 DIMENSIONS = ExechonDimensions((-0.57, 0.57, 0.73), (-0.22, 0.22, 0.20), wrist=(0.0, 0.33), tool_length=0.31)

@@ -7,11 +7,11 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.command_line import main
-from headstock.pipeline import machine_poses
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.sweep_results import SweepResults, collect_results
-from headstock.pipeline.sweep_runs import SweepJob, run_sweep, select_analyses
+from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ConvergenceError
+from headstock.studies.sweeps import machine_poses
+from headstock.studies.sweeps.results import SweepResults, collect_results
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
 
 SCENE = """
 [materials.steel]

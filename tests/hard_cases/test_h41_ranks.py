@@ -65,9 +65,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.sweep_results import collect_results
-from headstock.pipeline.sweep_runs import SweepJob, run_sweep, select_analyses
+from headstock.scene.building.loader import load_scene
+from headstock.studies.sweeps.results import collect_results
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
 
 comm, scene, out = MPI.COMM_WORLD, load_scene(Path(sys.argv[1])), Path(sys.argv[2])
 results = run_scene(scene, out, comm=comm)

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from headstock.pipeline.pose_journals import FOLDER
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.sweep_files import SWEEP_FILE
+from headstock.scene.building.loader import load_scene
+from headstock.studies.sweeps.files import SWEEP_FILE
+from headstock.studies.sweeps.journals import FOLDER
 
-SCENE = Path(__file__).parents[1] / "pipeline" / "data" / "slide.toml"
+SCENE = Path(__file__).parents[1] / "data" / "slide.toml"
 PROGRAM = """
 import os, signal, sys, time
 from mpi4py import MPI
 from headstock.app.command_line import main
-from headstock.pipeline import sweep_runs
+from headstock.studies.sweeps import runs
 
 whole, calls = sweep_runs.solve_machine_pose, []
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.validation.campaign_runs import finish_run, make_places, read_numbers
+from headstock.validation.campaigns.runs import finish_run, make_places, read_numbers
 
 
 def test_two_runs_without_a_common_store_are_equal_to_the_last_bit(tmp_path: Path) -> None:

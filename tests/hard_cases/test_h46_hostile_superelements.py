@@ -11,9 +11,9 @@ import pytest
 
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import Frame
-from headstock.pipeline.record_files import RecordError, require_plain
-from headstock.pipeline.result_files import OutputError, read_view
-from headstock.pipeline.superelement_files import parse_superelement, read_superelement, write_superelement
+from headstock.pipeline.results.files import OutputError, read_view
+from headstock.pipeline.storage.records import RecordError, require_plain
+from headstock.pipeline.storage.superelements import parse_superelement, read_superelement, write_superelement
 from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
 from headstock.reduction.truncation import Truncation
 

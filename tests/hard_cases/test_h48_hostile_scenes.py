@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.validation.campaign_runs import SCENE
-from headstock.validation.scene_fuzz import MB_ALLOWED, SECONDS_ALLOWED, run_scene_fuzz
+from headstock.validation.campaigns.runs import SCENE
+from headstock.validation.campaigns.scene_fuzz import MB_ALLOWED, SECONDS_ALLOWED, run_scene_fuzz
 
 PART = '[components.c{i}]\nsolid={{box=["1 m","1 m","1 m"]}}\nmaterial="steel"\nfidelity="rigid"\n[components.c{i}.interfaces]\na={{face="z-"}}\n'
 JOINT = '[joints.j{i}]\nbetween=["colunm{i}.foot","column.tipp{i}"]\nkind="rigid"\n'
@@ -48,8 +48,8 @@ HOSTILE: dict[str, Callable[[], str]] = {
 TRY = """
 import json, os, sys, time
 from pathlib import Path
-from headstock.pipeline.resources import peak_memory_mb
-from headstock.validation.scene_fuzz import try_scene
+from headstock.pipeline.planning.resources_2 import peak_memory_mb
+from headstock.validation.campaigns.scene_fuzz import try_scene
 for name in sys.argv[1:]:
     if os.fork():
         os.wait()

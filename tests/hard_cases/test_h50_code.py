@@ -8,15 +8,15 @@ import h5py
 import numpy as np
 import pytest
 
-from headstock.geometry.components import Component
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import MeshFile, StepFile
-from headstock.meshing.component_meshing import describe_component, mesh_component
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.record_files import RecordError
-from headstock.pipeline.superelement_files import read_superelement, write_superelement
-from headstock.pipeline.units import LENGTH, UnitError, parse_quantity
-from headstock.validation.sample_files import box_superelement
+from headstock.pipeline.storage.records import RecordError
+from headstock.pipeline.storage.superelements import read_superelement, write_superelement
+from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
+from headstock.validation.campaigns.sample_files import box_superelement
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKS = sorted((ROOT / ".typing" / "headstock").iterdir())

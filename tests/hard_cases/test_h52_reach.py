@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box
-from headstock.pipeline.error_estimates import REDUCTION
-from headstock.pipeline.reach_warnings import node_spacing, shortest_wave
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
+from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.store import Store
+from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
 
 SCENE = """
 name = "plate strip"

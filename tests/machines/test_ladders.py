@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.study_points import Study
-from headstock.pipeline.study_runs import StudyJob, hash_scene, run_study
-from headstock.validation.kono_claims import judge_ladder, judge_own
-from headstock.validation.ladder_deviations import deviations, pick_rungs, worst_of
-from headstock.validation.ladder_points import LadderError, collect_points, measure_beam
-from headstock.validation.ladder_references import LadderBeam, ladder_beam
+from headstock.scene.building.loader import load_scene
+from headstock.scene.studies import Study
+from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
+from headstock.validation.ladder.kono_claims import judge_ladder, judge_own
+from headstock.validation.ladder.ladder_deviations import deviations, pick_rungs, worst_of
+from headstock.validation.ladder.points import LadderError, collect_points, measure_beam
+from headstock.validation.ladder.references import LadderBeam, ladder_beam
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 CANTILEVER = {

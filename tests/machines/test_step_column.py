@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, MeshSettings, Patch, ReductionSettings, Support
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import HollowColumn, Solid, StepFile
-from headstock.meshing.cad_survey import survey_step
-from headstock.meshing.component_meshing import describe_component, mesh_component
-from headstock.pipeline.scene_loader import load_scene
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.validation.full_models import full_model, full_modes, held_by
+from headstock.geometry.parts.components import Component, MeshSettings, Patch, ReductionSettings, Support
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import HollowColumn, Solid, StepFile
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.scene.building.loader import load_scene
+from headstock.validation.parts.component_models import full_model, full_modes, held_by
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = ROOT / "machines"

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.json_texts import Json
-from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import keep_analyses
-from headstock.pipeline.scene_loader import load_scene
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import keep_analyses
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 # the first and third measured mode of the paper's figure 12

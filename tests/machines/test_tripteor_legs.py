@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.result_summary import summarise
+from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene import keep_analyses
-from headstock.pipeline.scene_loader import load_scene
-from headstock.solvers.mechanism_modes import linearise_poses, solve_pose_modes
-from headstock.solvers.modal_analysis import solve_modal
-from headstock.validation import tripteor_legs
-from headstock.validation.tripteor_leg_cases import check_compliances
-from headstock.validation.tripteor_legs import LeggedTripteor, load_legs, solve_beams
-from headstock.validation.tripteor_machine import SCENE, load_tripteor
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import keep_analyses
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.validation.mechanisms import tripteor_legs
+from headstock.validation.mechanisms.tripteor_cases import check_compliances
+from headstock.validation.mechanisms.tripteor_legs import LeggedTripteor, load_legs, solve_beams
+from headstock.validation.mechanisms.tripteor_machine import SCENE, load_tripteor
 
 MEASURED = {
     "config_1": (46.2, 55.3, 71.3, 96.6),

@@ -2,9 +2,9 @@ from collections.abc import Callable
 
 import pytest
 
-from headstock.geometry.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Solid
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Solid
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 Patches = Patch | tuple[Patch, ...]

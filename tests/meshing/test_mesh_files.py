@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from headstock.geometry.components import Component, Patch
-from headstock.geometry.solids import Box, MeshFile, Tube
+from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
-from headstock.meshing.component_meshing import describe_component, estimate_cells, mesh_component
-from headstock.meshing.element_quality import integrate_mesh
+from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.meshing import describe_component, estimate_cells, mesh_component
+from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
-from headstock.meshing.mesh_checks import patch_moments
 
 Make = Callable[..., Component]
 SIZE = (0.03, 0.02, 0.05)

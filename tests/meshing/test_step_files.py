@@ -6,13 +6,13 @@ import gmsh
 import numpy as np
 import pytest
 
-from headstock.geometry.components import Component, Patch
-from headstock.geometry.solids import StepFile
-from headstock.meshing.cad_survey import survey_step
-from headstock.meshing.component_meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
-from headstock.meshing.element_quality import scaled_jacobians
+from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
+from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
-from headstock.meshing.mesh_checks import patch_moments
 from headstock.meshing.step_units import doubt_size, read_length_unit
 
 Make = Callable[..., Component]

@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.frames import rotate_dofs, rotation_about
-from headstock.pipeline.results import Results
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.store import Store
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
 
 SI = """
 ORIENTATION

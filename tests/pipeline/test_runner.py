@@ -11,24 +11,25 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings, SegmentSettings
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame, rigid_map
-from headstock.geometry.joints import Joint, JointEnd
-from headstock.geometry.machines import Machine, Point, Pose
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box, SuperelementFile
-from headstock.pipeline import component_stages, content_keys
-from headstock.pipeline.analysis_requests import Analyses, ModalRequest, StaticRequest
-from headstock.pipeline.planner import plan_scene
-from headstock.pipeline.results import Results
-from headstock.pipeline.run_state import RunState
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.parts.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings, SegmentSettings
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box, SuperelementFile
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import HANDLERS, run_scene
-from headstock.pipeline.scene import Scene
-from headstock.pipeline.store import Store
-from headstock.pipeline.superelement_files import write_superelement
-from headstock.reduction import elastic_reduction
+from headstock.pipeline.stages import components as component_stages
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage import content_keys
+from headstock.pipeline.storage.store import Store
+from headstock.pipeline.storage.superelements import write_superelement
+from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
+from headstock.scene.scene import Scene
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),), coupling="average")}

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.components import Interface, Patch, RailSettings
-from headstock.pipeline.error_estimates import REDUCTION
-from headstock.pipeline.record_files import RecordError
+from headstock.geometry.parts.components import Interface, Patch, RailSettings
+from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.scene_loader import load_scene
-from headstock.pipeline.store import Store
+from headstock.pipeline.storage.records import RecordError
+from headstock.pipeline.storage.store import Store
+from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.pipeline.superelement_export import export_superelement
-from headstock.pipeline.superelement_files import read_superelement, write_superelement
-from headstock.reduction.elastic_reduction import reduce_elastic
+from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.rails import carriage_rows
+from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ModelError
 
 SCENE = """

@@ -9,26 +9,26 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
-from headstock.geometry.components import Component, Interface, Patch, RailSettings, SegmentSettings
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
-from headstock.geometry.joints import Axis, Joint, JointEnd
-from headstock.geometry.machines import Machine, Point, Pose
-from headstock.geometry.mass_properties import closed_form_properties
-from headstock.geometry.materials import Material
-from headstock.geometry.solids import Box, Tube
-from headstock.reduction.coupling import couple
-from headstock.reduction.elastic_reduction import reduce_elastic
-from headstock.reduction.interface_patches import measure_patch
-from headstock.reduction.rail_fits import fit_rail
+from headstock.geometry.machine.joints import Axis, Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.parts.components import Component, Interface, Patch, RailSettings, SegmentSettings
+from headstock.geometry.parts.mass_properties import closed_form_properties
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box, Tube
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.components.rail_fits import fit_rail
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.rails import Rail, carriage_rows, place_knots, station_points
-from headstock.reduction.reduction_requests import ReductionRequest
-from headstock.reduction.rigid_reduction import reduce_rigid
-from headstock.reduction.segmented_reduction import reduce_segmented
+from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement, rigid_motions
 from headstock.solvers.errors import ModelError
-from headstock.solvers.modal_analysis import solve_modal
-from headstock.solvers.static_response import solve_static
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.static_response import solve_static
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 LENGTH, WIDTH, HEIGHT = 0.6, 0.08, 0.05

@@ -6,7 +6,7 @@ from mpi4py import MPI
 from headstock.geometry.errors import HeadstockError
 from headstock.validation import validation_runs
 from headstock.validation.case_registry import CASES, Case, group_names
-from headstock.validation.case_rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow, judge_bound
 from headstock.validation.validation_runs import UnknownCaseError, run_validation, select_cases
 
 

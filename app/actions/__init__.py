@@ -1,0 +1,1 @@
+"""What each command does. Never the spelling of an option."""

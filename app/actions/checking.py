@@ -1,0 +1,45 @@
+"""``headstock check``: what is wrong with a scene, and nothing else."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from headstock.app.terminal.console import counted, make_console, print_remarks
+from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.outputs import write_output
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+
+def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_file: Path | None) -> int:
+    """Load a scene and say what it holds.
+
+    Raises:
+        SceneError: It has problems; they are in the JSON file too.
+    """
+    try:
+        scene = load_scene(path, variant=variant, overrides=overrides)
+    except SceneError as error:
+        _write(json_file, path, [dataclasses.asdict(problem) for problem in error.problems], ())
+        raise
+    machine = scene.machine
+    console = make_console()
+    parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
+    parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
+    console.print(f"{path}: ok: {scene.name}: {', '.join(parts)}", markup=False)
+    lacking = [
+        f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
+        for name, problems in scene.deferred.items()
+        for problem in problems
+    ]
+    warnings = [*scene.warnings, *lacking, *find_unheld_motions(scene)]
+    print_remarks(warnings)
+    _write(json_file, path, [], warnings)
+    return 0
+
+
+def _write(json_file: Path | None, path: Path, problems: Sequence[object], warnings: Sequence[str]) -> None:
+    if json_file is not None:
+        content = {"scene": str(path), "ok": not problems, "problems": list(problems), "warnings": list(warnings)}
+        write_output(json_file, dump_json(content).encode())

@@ -1,0 +1,147 @@
+"""``headstock sweep --on slurm``: submits a sweep as an array job, waits for it and collects what its tasks computed."""
+
+import dataclasses
+import os
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.terminal.console import counted, make_console
+from headstock.app.terminal.guard import DONE
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.storage.outputs import claim_output, make_part, write_output
+from headstock.pipeline.storage.provenance import PROJECT
+from headstock.studies.sweeps.journals import read_journals
+from headstock.studies.sweeps.runs import SweepJob, sweep_key
+from headstock.studies.sweeps.slurm_jobs import (
+    COMPONENTS_TASK,
+    FOLDER,
+    SCRIPT_FILE,
+    WRITTEN_OUT,
+    ArrayJob,
+    ScriptValueError,
+    SlurmOptions,
+    Submission,
+    list_missing,
+    read_submission,
+    render_script,
+    write_submission,
+)
+from headstock.studies.sweeps.slurm_tools import SlurmError, SlurmMissingError, read_states, require_slurm, submit
+from headstock.studies.sweeps.slurm_waiting import describe_missing, is_waiting, wait_for_array
+
+LAUNCHER = PROJECT / "headstock"
+
+
+@dataclasses.dataclass(frozen=True)
+class ClusterRequest:
+    """What the command line asked of the cluster.
+
+    Attributes:
+        options: For the job script.
+        arguments: Words the tasks' command line gets besides: variant, overrides, retry.
+        retry: Poses that failed are computed again.
+        wait: Whether to wait for the array job and collect.
+    """
+
+    options: SlurmOptions
+    arguments: tuple[str, ...]
+    retry: bool
+    wait: bool
+
+
+def sweep_on_slurm(job: SweepJob, request: ClusterRequest, comm: MPI.Comm, collect: Callable[[], int]) -> int:
+    """Submit what is missing of a sweep, or find the array job that is still at it; wait; collect.
+
+    Args:
+        job: The sweep, checked.
+        request: Of the user.
+        comm: Of this process alone.
+        collect: Makes the files of a sweep whose poses are all computed, and returns the exit code.
+
+    Raises:
+        click.UsageError: There is no Slurm here, or this was not started through the launcher of a checkout.
+        SlurmError: Slurm refuses the job, or tasks ended without their poses.
+    """
+    _require_cluster(comm)
+    key = sweep_key(job.scene)
+    with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
+        done = {name for name, found in read_journals(job.folder, key).items() if not (request.retry and found.state == "failed")}
+        tasks = min(request.options.tasks, len(job.sweep.positions))
+        request = dataclasses.replace(request, options=dataclasses.replace(request.options, tasks=tasks))
+        missing = list_missing(job.sweep, done, tasks)
+        if missing:
+            submission = _find_waiting(job.folder, key) or _submit(job, request, key, tuple(missing), fresh=not done)
+            if not request.wait:
+                _say(f"to wait for it and collect: the same command without --no-wait; to stop it: scancel {submission.job}")
+                return DONE
+            _wait(job, submission, key)
+    return collect()
+
+
+def _require_cluster(comm: MPI.Comm) -> None:
+    if comm.size > 1:
+        raise click.UsageError("--on slurm submits from one process; start it through ./headstock, which leaves --ranks to the job")
+    if not LAUNCHER.is_file():
+        raise click.UsageError(f"--on slurm needs the launcher of a checkout, {LAUNCHER}, for the job to start on the nodes")
+    try:
+        require_slurm()
+    except SlurmMissingError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _find_waiting(folder: Path, key: str) -> Submission | None:
+    """The array job submitted before, when it is still in the queue or runs."""
+    submission = read_submission(folder, key)
+    if submission is None or not is_waiting(read_states(submission.job)):
+        return None
+    _say(f"array job {submission.job} is still at it")
+    return submission
+
+
+def _submit(job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool) -> Submission:
+    folder = job.folder.absolute()
+    script = folder / SCRIPT_FILE
+    array = ArrayJob(
+        LAUNCHER,
+        job.scene.path.absolute(),
+        job.sweep.name,
+        folder,
+        key,
+        request.options,
+        request.arguments,
+        Path.cwd(),
+        {name: os.environ[name] for name in WRITTEN_OUT if os.environ.get(name)},
+    )
+    try:
+        text = render_script(array)
+    except ScriptValueError as error:
+        raise click.UsageError(f"--on slurm: {error}; rename it, or start from elsewhere") from error
+    make_part(folder / FOLDER)
+    write_output(script, text.encode())
+    elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
+    first = submit(script, [COMPONENTS_TASK]) if elastic and fresh else ""
+    number = submit(script, tasks, after=first)
+    submission = Submission(key, number, first, request.options.tasks, tasks)
+    write_submission(folder, submission)
+    before = f", after job {first}, which reduces the components" if first else ""
+    chosen = "" if len(tasks) == request.options.tasks else f" ({', '.join(str(task) for task in tasks)})"
+    _say(f"submitted {shlex.quote(str(script))} as array job {number}: {counted(len(tasks), 'task')}{chosen}{before}")
+    return submission
+
+
+def _wait(job: SweepJob, submission: Submission, key: str) -> None:
+    try:
+        states = wait_for_array(submission, lambda text: _say(f"job {submission.job}: {text}"))
+    except KeyboardInterrupt:
+        _say(f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}")
+        raise
+    if missing := list_missing(job.sweep, read_journals(job.folder, key), submission.tasks):
+        raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
+
+
+def _say(text: str) -> None:
+    make_console().print(text, markup=False, soft_wrap=True)

@@ -1,0 +1,209 @@
+"""What the environment has to offer, each question asked in a child process so that a broken library breaks only its own line."""
+
+import importlib.metadata
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from headstock.pipeline.storage.provenance import PROJECT
+
+Status = Literal["ok", "missing", "warning"]
+
+TIME_LIMIT_S = 120.0
+MEMORY_WANTED_MB = 4000
+SPACE_WANTED_MB = 2000
+
+# variables by which an MPI process passes its place to its children; with them mpirun takes itself for a rank
+RANK_PREFIXES = ("OMPI_COMM_", "OMPI_UNIVERSE_", "PMIX_", "PRTE_", "PMI_")
+
+PACKAGES = (
+    "install the packages of environment/packages.txt, or unset HEADSTOCK_PYTHON and let ./headstock build its own environment"
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the doctor: what was looked at, what was found, whether it will do and what to do if not."""
+
+    name: str
+    found: str
+    status: Status
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Question:
+    """Code whose last printed line says what is there; ``expected`` must begin it, ``remedy`` says what to do otherwise."""
+
+    name: str
+    code: str
+    expected: str = ""
+    remedy: str = PACKAGES
+    needed: bool = True
+
+
+LIBRARIES = (
+    Question("dolfinx", "import dolfinx; print(dolfinx.__version__)", "0.9", "the code runs on dolfinx 0.9 only: " + PACKAGES),
+    Question(
+        "PETSc",
+        "from petsc4py import PETSc; import numpy; v = PETSc.Sys.getVersion(); "
+        "print('real' if PETSc.ScalarType is numpy.float64 else PETSc.ScalarType.__name__, 'scalars,', '.'.join(map(str, v)))",
+        "real",
+        "PETSc must have real double scalars: on Debian python3-petsc4py-real",
+    ),
+    Question(
+        "MUMPS",
+        "from petsc4py import PETSc; m = PETSc.Mat().createAIJ([1, 1]); m.setUp(); m[0, 0] = 2.0; m.assemble(); "
+        "pc = PETSc.PC().create(); pc.setOperators(m); pc.setType('cholesky'); pc.setFactorSolverType('mumps'); pc.setUp(); "
+        "print('factorises')",
+        "factorises",
+        "PETSc must be built with MUMPS",
+    ),
+    Question("SLEPc", "from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))"),
+    Question("MPI library", "from mpi4py import MPI; print(MPI.Get_library_version().split(',')[0].strip())"),
+    Question("gmsh", "import gmsh; print(gmsh.__version__)"),
+    Question(
+        "isolation",
+        "from headstock.meshing.process.guarded import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
+        "readers",
+        "readers of CAD, mesh and HDF5 files have limits of time and memory, but could reach other files and the network: "
+        "user namespaces (Linux 5.12 or newer) would keep them from both",
+        needed=False,
+    ),
+    Question("h5py", "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)"),
+    Question(
+        "BLAS",
+        "import numpy.linalg, threadpoolctl; print(*{f\"{i['internal_api']} {i['version']} ({i.get('architecture', '')})\""
+        " for i in threadpoolctl.threadpool_info() if i['user_api'] == 'blas'} or ['reference'])",
+        "openblas",
+        "factorisations are many times slower without OpenBLAS: libopenblas0-pthread",
+        needed=False,
+    ),
+    Question(
+        "VTK", "import vtk; print(vtk.vtkVersion().GetVTKVersion())", remedy="pictures only: python3-pyvista and xvfb", needed=False
+    ),
+)
+
+PYTHON_PACKAGES = ("numpy", "scipy", "pydantic", "pint", "typer", "rich", "matplotlib", "jinja2", "meshio", "mpi4py")
+TEST_PACKAGES = ("pytest", "pytest-xdist", "hypothesis", "mypy")
+
+
+def check_environment() -> list[Check]:
+    """Ask everything; two questions at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        libraries = list(pool.map(ask, LIBRARIES))
+        ranks = pool.submit(check_ranks)
+    packages = [check_package(name) for name in PYTHON_PACKAGES] + [check_package(name, "warning") for name in TEST_PACKAGES]
+    return [*check_python(), *libraries, ranks.result(), *packages, check_compiler(), *check_machine()]
+
+
+def run_child(command: list[str]) -> tuple[int, str]:
+    """Exit code and last line of a child process's output (of its errors when it fails)."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(RANK_PREFIXES)}
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT_S, env=environment, check=False)
+    except subprocess.TimeoutExpired:
+        return 1, f"no answer within {TIME_LIMIT_S:.0f} s"
+    except OSError as error:
+        return 1, str(error)
+    lines = (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip().splitlines()
+    return done.returncode, lines[-1].strip() if lines else f"exit code {done.returncode}, no output"
+
+
+def ask(question: Question) -> Check:
+    """Run a question's code in a Python of its own."""
+    code, answer = run_child([sys.executable, "-P", "-c", question.code])
+    if code == 0 and answer.startswith(question.expected):
+        return Check(question.name, answer, "ok")
+    return Check(question.name, answer, "missing" if question.needed else "warning", question.remedy)
+
+
+def check_package(name: str, otherwise: Status = "missing") -> Check:
+    """Version of an installed Python package."""
+    try:
+        return Check(name, importlib.metadata.version(name), "ok")
+    except importlib.metadata.PackageNotFoundError:
+        return Check(name, "not installed", otherwise, PACKAGES)
+
+
+def check_python() -> list[Check]:
+    """The interpreter, where it comes from and which copy of the code it runs."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    marker = Path("/etc/headstock-root")
+    origin = f"private root {marker.read_text().strip()}" if marker.is_file() else f"this system's {sys.executable}"
+    status: Status = "ok" if sys.version_info >= (3, 13) else "missing"
+    return [
+        Check("python", version, status, "" if status == "ok" else "Python 3.13 or newer is needed"),
+        Check("environment", origin, "ok"),
+        Check("code", str(PROJECT), "ok"),
+    ]
+
+
+def check_ranks() -> Check:
+    """Whether two ranks start and add up."""
+    mpirun = shutil.which("mpirun")
+    remedy = "--ranks needs mpirun of the MPI that mpi4py was built with: on Debian openmpi-bin"
+    if mpirun is None:
+        return Check("MPI, 2 ranks", "no mpirun", "missing", remedy)
+    code = "from mpi4py import MPI; s = MPI.COMM_WORLD.allreduce(1); MPI.COMM_WORLD.rank or print(s, 'ranks answer')"
+    exit_code, answer = run_child([mpirun, "--oversubscribe", "--bind-to", "none", "-n", "2", sys.executable, "-P", "-c", code])
+    good = exit_code == 0 and answer == "2 ranks answer"
+    return Check("MPI, 2 ranks", answer, "ok" if good else "missing", "" if good else remedy)
+
+
+def check_compiler() -> Check:
+    """The C compiler and headers by which the element kernels are made."""
+    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or not header.is_file():
+        return Check(
+            "C compiler", "no compiler" if compiler is None else f"no {header}", "missing", "on Debian: gcc and python3-dev"
+        )
+    exit_code, answer = run_child([compiler, "-dumpfullversion"])
+    return Check("C compiler", answer, "ok" if exit_code == 0 else "missing", "" if exit_code == 0 else "on Debian: gcc")
+
+
+def check_machine() -> list[Check]:
+    """Cores, threads, memory and room in the cache folder."""
+    threads = os.environ.get("OMP_NUM_THREADS", "not set")
+    cache = cache_folder()
+    return [
+        Check("cores", f"{len(os.sched_getaffinity(0))} usable, load {os.getloadavg()[0]:.1f}", "ok"),
+        Check("BLAS threads", f"{threads} (HEADSTOCK_THREADS changes it)", "ok"),
+        _at_least("free memory", free_memory_mb(), MEMORY_WANTED_MB, "300 000 dofs need about 4 GB: close programs or coarsen"),
+        _room(cache),
+    ]
+
+
+def cache_folder() -> Path:
+    """Where the private root and the store of superelements live."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "headstock"
+
+
+def free_memory_mb(meminfo: Path = Path("/proc/meminfo")) -> int:
+    """Memory [MB] that can be had without swapping."""
+    for line in meminfo.read_text().splitlines():
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) // 1024
+    raise ValueError(f"{meminfo} has no line MemAvailable")
+
+
+def _room(cache: Path) -> Check:
+    existing = next(folder for folder in (cache, *cache.parents) if folder.is_dir())
+    if not os.access(existing, os.W_OK):
+        return Check("cache folder", f"{cache} cannot be written", "missing", "choose another folder with XDG_CACHE_HOME")
+    free_mb = shutil.disk_usage(existing).free // 1_000_000
+    return _at_least(
+        f"cache folder {cache}", free_mb, SPACE_WANTED_MB, "free some space or choose another folder with XDG_CACHE_HOME"
+    )
+
+
+def _at_least(name: str, megabytes: int, wanted: int, remedy: str) -> Check:
+    enough = megabytes >= wanted
+    return Check(name, f"{megabytes} MB free", "ok" if enough else "warning", "" if enough else remedy)

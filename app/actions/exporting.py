@@ -1,0 +1,73 @@
+"""``headstock export``: one component as a superelement file, or a machine as a state space."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.actions.running import require_ranks
+from headstock.app.terminal.console import warn_of_unused_accuracy
+from headstock.app.terminal.guard import DONE
+from headstock.pipeline.exports import export_state_space
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.superelement_export import export_superelement
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
+from headstock.scene.scene import Scene
+from headstock.solvers.rank_messages import make_on_root
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    component: str
+    output: Path
+    variant: str | None
+    overrides: tuple[str, ...]
+    ranks: int | None
+    origin: Provenance | None = None
+
+
+def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
+    """Reduce a component on all ranks, write it and say so.
+
+    Raises:
+        SceneError: The scene has problems.
+        HeadstockError: The component does not exist, or a computation or the file failed.
+    """
+    require_ranks(request.ranks, comm)
+    scene = make_on_root(comm, partial(_load, request))
+    written = export_superelement(scene, request.component, request.output, comm=comm, origin=request.origin)
+    if comm.rank == 0:
+        click.echo(written)
+    return DONE
+
+
+def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: MPI.Comm) -> int:
+    """Write the state space of the machine and say so.
+
+    Raises:
+        click.UsageError: The frequency is none.
+        SceneError: The scene has problems.
+        HeadstockError: There is no such pose, or a computation or the file failed.
+    """
+    require_ranks(request.ranks, comm)
+    try:
+        up_to_hz = parse_quantity(up_to, FREQUENCY).value
+    except UnitError as error:
+        raise click.UsageError(f"--state-space {error}") from error
+    scene = make_on_root(comm, partial(_load, request))
+    written = export_state_space(scene, request.output, up_to_hz=up_to_hz, pose=pose, comm=comm, origin=request.origin)
+    if comm.rank == 0:
+        click.echo(written)
+    return DONE
+
+
+def _load(request: ExportRequest) -> Scene:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    warn_of_unused_accuracy(scene)
+    return scene

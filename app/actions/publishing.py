@@ -1,0 +1,93 @@
+"""Everything a finished run leaves besides ``results.h5`` and ``summary.json``: report, tables, figures and mode shapes."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import jinja2
+
+from headstock.app.pictures.pictures import Drawing, draw_machine, draw_pictures, stills_by_pose
+from headstock.app.report.report import render_report, write_report
+from headstock.app.texts.frf_tables import tabulate_response
+from headstock.app.texts.path_tables import tabulate_path
+from headstock.app.texts.tables import encode_csv, list_tables
+from headstock.pipeline.results.files import SUMMARY_FILE
+from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.mode_files import MODES_FOLDER, write_mode_files
+from headstock.pipeline.results.path import PathCurves
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.outputs import OutputError, replace_outputs
+from headstock.pipeline.storage.store import Store, default_store_root
+
+TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
+PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
+
+
+def publish_run(
+    folder: Path,
+    summary: Json,
+    view: MachineView,
+    curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
+    *,
+    figures: bool = True,
+    more: Drawing | None = None,
+) -> list[str]:
+    """Write report, tables and modes, and pictures of the machine while that goes on; remarks for the user.
+
+    Args:
+        folder: Folder of results.
+        summary: Content of ``summary.json``.
+        view: What there is to draw.
+        curves: Of the frequency responses.
+        paths: Of the path analysis.
+        figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
+        more: Pictures for ``figures`` besides those of the machine.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    store = Store(default_store_root())
+    with ThreadPoolExecutor(1) as pool:
+        drawing = pool.submit(draw_machine, folder, view, store) if figures else None
+        remarks = [*write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary, view)]
+        drawn = drawing.result() if drawing is not None else Drawing({})
+    images = {**(more.images if more is not None else {}), **drawn.images}
+    remarks += replace_outputs(folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()})
+    write_report(folder, summary, view, stills_by_pose(view, drawn.images), curves, paths)
+    return list(dict.fromkeys([*remarks, *(item.remark for item in (drawn, more) if item is not None and item.remark)]))
+
+
+def publish_again(
+    folder: Path,
+    summary: Json,
+    view: MachineView,
+    curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
+) -> list[str]:
+    """The same from the files of a run, with the pictures of all modes and every chart; remarks for the user.
+
+    Raises:
+        OutputError: The summary is not one that this version writes, or a file cannot be written.
+    """
+    try:
+        list_tables(summary)
+        render_report(summary, view)
+    except (LookupError, TypeError, ValueError, AttributeError, jinja2.TemplateError) as error:
+        # before anything is overwritten: the file may be edited, or of another version
+        raise OutputError(
+            f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
+        ) from error
+    return publish_run(folder, summary, view, curves, paths, more=draw_pictures(folder, "all"))
+
+
+def write_tables(folder: Path, summary: Json, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()) -> list[str]:
+    """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the user.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    tables = [*list_tables(summary), *map(tabulate_response, curves), *map(tabulate_path, paths)]
+    return replace_outputs(folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables})

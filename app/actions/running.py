@@ -1,0 +1,139 @@
+"""``headstock run``: from a scene file to results, a printed summary and a report."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.actions.publishing import PARTS, publish_run
+from headstock.app.terminal.console import print_header, print_remarks, print_stage, print_summary
+from headstock.app.terminal.guard import DONE, FAILED
+from headstock.app.terminal.progress import show_progress
+from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.rigid_checks import find_unheld_motions
+from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.outputs import claim_output, write_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.solvers.rank_messages import make_on_root, share_from_root
+
+DRAWING_SECONDS = 4.0
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    output: Path | None
+    variant: str | None
+    analyses: tuple[str, ...]
+    overrides: tuple[str, ...]
+    ranks: int | None
+    json_file: Path | None
+    figures: bool = True
+    accuracy: str | None = None
+    volume: bool = False
+
+
+def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a scene on all ranks and print what came out; where it comes from is written with it.
+
+    Raises:
+        SceneError: The scene has problems.
+        click.UsageError: An option does not fit.
+        HeadstockError: A computation failed.
+    """
+    start = time.perf_counter()
+    require_ranks(request.ranks, comm)
+    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
+        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
+    scene = make_on_root(comm, lambda: _load(request))
+    stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
+    output = request.output or Path("results") / stem
+    with contextlib.ExitStack() as claims:
+        make_on_root(
+            comm,
+            lambda: claims.enter_context(claim_output(output, (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE), (*PARTS, VOLUME_FOLDER))),
+        )
+        said = find_unheld_motions(scene) if comm.rank == 0 else ()
+        if comm.rank == 0:
+            print_header(scene, ranks=comm.size)
+            print_remarks(said)
+        results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
+        if comm.rank == 0:
+            summary = summarise(results)
+            curves = [response.curves for response in results.responses]
+            paths = [run.curves for run in results.path.runs] if results.path is not None else []
+            with show_progress() as progress:
+                progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
+                remarks = publish_run(output, summary, results.view, curves, paths, figures=request.figures)
+            if request.json_file is not None:
+                write_output(request.json_file, dump_json(summary).encode())
+            print_remarks(remarks)
+            print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
+    return int(share_from_root(comm, FAILED if results.failures else DONE))
+
+
+def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
+    """Refuse a number of ranks that nobody started.
+
+    Raises:
+        click.UsageError: The job has another number of ranks.
+    """
+    if ranks is not None and ranks != comm.size:
+        raise click.UsageError(
+            f"--ranks {ranks} was asked for and {comm.size} run; start through ./headstock, which starts the ranks"
+        )
+
+
+def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
+    """The scene with only the named analyses.
+
+    Raises:
+        click.UsageError: A name is none of the scene's analyses.
+    """
+    present = list_analyses(scene)
+    for name in names:
+        if name not in present:
+            raise click.UsageError(f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}")
+    return keep_analyses(scene, names) if names else scene
+
+
+def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None) -> Results:
+    """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
+    if comm.rank > 0:
+        return run_scene(scene, output, comm=comm, volume=volume)
+    with show_progress() as progress:
+
+        def announce(stage: Stage) -> None:
+            unknown = stage.kind in ("mesh", "reduce", "load")
+            seconds = stage.estimated_seconds if stage.estimated_seconds is not None or unknown else 0.0
+            progress.begin(f"{stage.kind:<7} {stage.component or stage.pose or ''}", seconds)
+
+        def observe(record: StageRecord) -> None:
+            progress.end()
+            print_stage(record)
+
+        if any(isinstance(part.solid, StepFile | MeshFile) for part in scene.machine.components.values()):
+            progress.begin("plan    from the parts' files")
+        return run_scene(scene, output, comm=comm, observer=observe, announce=announce, volume=volume, provenance=origin)
+
+
+def _load(request: RunRequest) -> Scene:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    if request.accuracy is not None:
+        # what the scene allows beside the number stays as it is
+        key = "accuracy" if scene.accuracy is None else "accuracy.to"
+        scene = load_scene(request.scene, variant=request.variant, overrides=(*request.overrides, f"{key}={request.accuracy}"))
+    return select_analyses(scene, request.analyses)

@@ -1,0 +1,129 @@
+"""The scene reference as Markdown, made from the schema: ``headstock schema --markdown > docs/scene_reference.md``."""
+
+from collections.abc import Iterator
+
+from headstock.geometry.frames import DOF_NAMES
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.building.joints import KINDS
+from headstock.scene.schema.key_notes import NOTES
+
+INTRODUCTION = """\
+# Scene reference
+
+Made from the schema by `./headstock schema --markdown > docs/scene_reference.md`; a test asserts that it is up to date.
+
+A scene is a TOML file. Keys that are not listed here are errors, with a suggestion. Quantities are texts with a unit (`"210 GPa"`,
+`"380 N/um"`, `"12.5 mm"`, `"30 deg"`); plain numbers are for what has no dimension. Names are letters, digits, `_` and `-`. A key in
+square brackets names a table; `NAME` is yours to choose. `component.interface` and `ground` name the ends of joints. Files that a
+scene names lie in its folder or below.
+"""
+
+
+def render_reference(schema: Json) -> str:
+    """The reference of all keys as Markdown."""
+    parts = [INTRODUCTION, "## The file", "", schema.get("description", ""), "", *_key_table("Scene", schema)]
+    seen: set[str] = set()
+    for key, rule in schema["properties"].items():
+        name = _table_of(rule)
+        if name is not None:
+            named = "additionalProperties" in rule
+            parts += _section(schema, name, f"{key}.NAME" if named else key, seen, level=2)
+    parts += ["## Kinds of joints", "", *_joint_table()]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _section(schema: Json, name: str, path: str, seen: set[str], *, level: int) -> Iterator[str]:
+    """A table, then the tables inside it that have not been written yet."""
+    if name in seen:
+        return
+    seen.add(name)
+    table = schema["$defs"][name]
+    label = name.removesuffix("Table")
+    yield from [f"{'#' * level} `[{path}]`", "", table.get("description", ""), "", *_key_table(label, table)]
+    for key, rule in table["properties"].items():
+        inner = _table_of(rule)
+        if inner is not None:
+            below = f"{path}.{key}.NAME" if "additionalProperties" in rule else f"{path}.{key}"
+            yield from _section(schema, inner, below, seen, level=3)
+
+
+def _key_table(label: str, table: Json) -> Iterator[str]:
+    required = set(table.get("required", ()))
+    yield from ["| key | value | unless given | |", "|---|---|---|---|"]
+    for key, rule in table["properties"].items():
+        note = NOTES.get(f"{label}.{key}", "")
+        default = "**required**" if key in required else _describe_default(rule)
+        yield f"| `{key}` | {_describe_value(rule)} | {default} | {note} |"
+    yield ""
+
+
+def _table_of(rule: Json) -> str | None:
+    """Name of the table a key holds, in whatever wrapping."""
+    if "$ref" in rule:
+        return str(rule["$ref"]).rsplit("/", 1)[-1]
+    for inner in (*_options(rule), rule.get("additionalProperties"), rule.get("items")):
+        if isinstance(inner, dict) and (found := _table_of(inner)):
+            return found
+    return None
+
+
+def _options(rule: Json) -> list[Json]:
+    """What a value may be one of."""
+    return [*rule.get("anyOf", ()), *rule.get("oneOf", ())]
+
+
+def _describe_value(rule: Json) -> str:
+    if _options(rule):
+        return " or ".join(_describe_value(option) for option in _options(rule) if option.get("type") != "null")
+    if "$ref" in rule:
+        return "table"
+    if "enum" in rule:
+        return ", ".join(f"`{option}`" for option in rule["enum"])
+    if "description" in rule:
+        examples = ", ".join(f"`{_show(example)}`" for example in rule.get("examples", ()))
+        return f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
+    if rule.get("type") == "array":
+        inner = rule.get("items", {})
+        low, high = rule.get("minItems"), rule.get("maxItems")
+        count = f"{low} × " if low is not None and low == high else ""
+        if "examples" in rule:
+            return f"list, such as `{_show(rule['examples'][0])}`"
+        return f"list of {count}({_describe_value(inner)})" if inner else "list"
+    if rule.get("type") == "object":
+        inner = rule.get("additionalProperties")
+        return f"table of names: {_describe_value(inner)}" if isinstance(inner, dict) and inner else "table"
+    return {"string": "text", "boolean": "`true`, `false`", "integer": "whole number", "number": "number"}.get(
+        rule.get("type", ""), ""
+    )
+
+
+def _describe_default(rule: Json) -> str:
+    default = rule.get("default")
+    return "" if default is None or isinstance(default, dict) or default == [] else f"`{_show(default)}`"
+
+
+def _show(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(_show(item) for item in value)}]"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _joint_table() -> Iterator[str]:
+    yield "Directions are those of the joint: x along `axis` (z for bolted joints and mounts), z along `normal`."
+    yield 'A bearing lets its shaft turn unless `torsion` holds it: `stiffness = { radial = "300 N/um", torsion = "rigid" }`.'
+    yield ""
+    yield from ["| kind | keys of `stiffness` and `damping` | always held | needs |", "|---|---|---|---|"]
+    for kind, rule in KINDS.items():
+        keys = ", ".join(
+            f"`{key}`"
+            if (key,) == tuple(DOF_NAMES[dof] for dof in dofs)
+            else f"`{key}` ({' '.join(DOF_NAMES[dof] for dof in dofs)})"
+            for key, dofs in rule.keys.items()
+        )
+        held = " ".join(DOF_NAMES[dof] for dof in rule.held)
+        needs = [f"`{key}`" for key in rule.required]
+        needs += ["`axis`"] if rule.needs_axis else []
+        needs += ["`normal`"] if rule.needs_normal else []
+        yield f"| `{kind}` | {keys or 'none'} | {held} | {', '.join(needs)} |"

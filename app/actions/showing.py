@@ -1,0 +1,184 @@
+"""``headstock show``: a part with numbered faces, or a machine with named components."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
+from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
+from headstock.geometry.parts.cad_faces import CadFace, Vector, find_holes, name_faces
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.interface_suggestions import SuggestedInterface, suggest_interfaces
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components.cad_survey import CadSurvey, survey_step
+from headstock.meshing.components.skins import unmeshed_skin
+from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
+
+STEP_SUFFIXES = (".step", ".stp")
+FACES_SHOWN = 40
+SHORT_LINE = 100
+
+
+@dataclasses.dataclass(frozen=True)
+class ShowRequest:
+    """What the command line asked for."""
+
+    path: Path
+    picture: Path | None
+    solid: int | str | None
+    component: str | None
+    every_face: bool
+    json_file: Path | None
+
+
+def show_file(request: ShowRequest) -> int:
+    """Show a STEP file, a component of a scene that is read from one, or a scene.
+
+    Raises:
+        SceneError: The scene has problems.
+        MeshError: The STEP file cannot be read.
+        click.UsageError: An option does not fit.
+    """
+    if request.picture is not None:
+        prepare_output(request.picture.absolute().parent)
+        check_output(request.picture)
+    if request.path.suffix.lower() in STEP_SUFFIXES:
+        if request.component is not None:
+            raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
+        return _show_part(StepFile(request.path.absolute(), request.solid), request.path.stem, request)
+    scene = load_scene(request.path)
+    if request.component is None:
+        return _show_scene(scene, request)
+    component = scene.machine.components.get(request.component)
+    if component is None or not isinstance(component.solid, StepFile):
+        known = [name for name, part in scene.machine.components.items() if isinstance(part.solid, StepFile)]
+        raise click.UsageError(
+            f"no component {request.component!r} is read from a STEP file; those are: {', '.join(known) or 'none'}"
+        )
+    return _show_part(component.solid, component.name, request)
+
+
+def format_suggestions(name: str, suggestions: Sequence[SuggestedInterface]) -> str:
+    """Suggested interfaces as TOML to paste."""
+    lines = [f"[components.{name}.interfaces]"]
+    for found in suggestions:
+        if len(found.faces) == 1:
+            lines.append(f'{found.name} = {{ face = "{found.faces[0]}" }}  # {found.reason}')
+            continue
+        patches = [f'{{ face = "{face}" }}' for face in found.faces]
+        short = f"{found.name} = {{ patches = [{', '.join(patches)}] }}  # {found.reason}"
+        # arrays may run over several lines, inline tables may not
+        lines += [short] if len(short) <= SHORT_LINE else _spread(found, patches)
+    return "\n".join(lines)
+
+
+def _spread(found: SuggestedInterface, patches: Sequence[str]) -> list[str]:
+    rows = [", ".join(patches[start : start + 4]) for start in range(0, len(patches), 4)]
+    return [f"{found.name}.patches = [  # {found.reason}", *(f"    {row}," for row in rows), "]"]
+
+
+def _show_part(solid: StepFile, name: str, request: ShowRequest) -> int:
+    survey = survey_step(solid)
+    console = make_console()
+    x, y, z = (1e3 * side for side in survey.size)
+    unit = survey.unit or "not understood"
+    title = f"{solid.path.name}: {len(survey.faces)} faces, {x:.4g} × {y:.4g} × {z:.4g} mm"
+    console.print(f"{title} (unit of the file: {unit})", style="bold", markup=False)
+    doubt = doubt_size(solid.path, max(survey.size))
+    if doubt is not None:
+        console.print(f"warning: {doubt}", style="yellow", markup=False)
+    _print_faces(survey, request.every_face)
+    suggestions = suggest_interfaces(survey.faces)
+    if suggestions:
+        console.print("\nInterfaces to choose from, to paste into a scene:\n", style="bold", markup=False)
+        console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
+    numbers = {face.number: str(face.number) for face in survey.faces}
+    surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
+    _write_picture(surface, request.picture or Path(f"{name}_faces.png"))
+    if request.json_file is not None:
+        content = {
+            "file": solid.path.name,
+            "unit": survey.unit,
+            "warnings": [] if doubt is None else [doubt],
+            "faces": [dataclasses.asdict(face) for face in survey.faces],
+            "holes": [dataclasses.asdict(hole) for hole in find_holes(survey.faces)],
+            "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
+        }
+        write_output(request.json_file, dump_json(content).encode())
+    return 0
+
+
+def _print_faces(survey: CadSurvey, every_face: bool) -> None:
+    console = make_console()
+    largest = sorted(survey.faces, key=lambda face: -face.area)
+    shown = survey.faces if every_face else sorted(largest[:FACES_SHOWN], key=lambda face: face.number)
+    table = make_table(">face", "<kind", ">area cm²", ">centre mm", "<looks to", ">size mm", ">radius mm")
+    names = name_faces(survey.faces)
+    for face in shown:
+        name = names[face.number]
+        number = str(face.number) if name.startswith("face:") else f"{name}  {face.number}"
+        radius = f"{1e3 * face.radius:.5g}" if face.radius else ""
+        kind = "hollow cyl" if face.hollow else face.kind  # the wall of a hole, or an inner fillet
+        area = f"{1e4 * face.area:.4g}"
+        add_row(table, number, kind, area, _in_mm(face.center), _describe_normal(face), _in_mm(face.size), radius)
+    print_table(console, "Faces" if len(shown) == len(survey.faces) else f"The {len(shown)} largest faces (--all lists all)", table)
+
+
+def _describe_normal(face: CadFace) -> str:
+    normal = np.array(face.normal)
+    axis = int(np.argmax(np.abs(normal)))
+    if abs(normal[axis]) > 1.0 - 1e-9:
+        return f"{'+' if normal[axis] > 0 else '-'}{'xyz'[axis]}"
+    return " ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in normal) if face.kind == "plane" else ""
+
+
+def _in_mm(values: Vector) -> str:
+    return " ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in values)
+
+
+def _show_scene(scene: Scene, request: ShowRequest) -> int:
+    console = make_console()
+    table = make_table("component", "fidelity", "solid", ">size mm", "interfaces")
+    skins: dict[str, Skin] = {}
+    for name, component in scene.machine.components.items():
+        skin = unmeshed_skin(component.solid)
+        size = "" if skin is None else _in_mm(tuple(np.ptp(skin.points, axis=0)))
+        add_row(table, name, component.fidelity, _describe_solid(component), size, ", ".join(component.interfaces))
+        if skin is not None:
+            skins[name] = skin
+    print_table(console, f"{scene.name}: {counted(len(scene.machine.components), 'component')}", table)
+    if not skins:
+        console.print("no component has a shape that can be drawn before meshing", markup=False)
+        return 0
+    _write_picture(_join_components(scene, skins), request.picture or Path(f"{scene.path.stem}_machine.png"))
+    return 0
+
+
+def _describe_solid(component: Component) -> str:
+    path = getattr(component.solid, "path", None)
+    return path.name if isinstance(path, Path) else type(component.solid).__name__.lower()
+
+
+def _join_components(scene: Scene, skins: dict[str, Skin]) -> LabelledSurface:
+    frames = {name: scene.machine.components[name].placement for name in skins}
+    starts = np.cumsum([0, *(len(skin.points) for skin in skins.values())])
+    points = np.vstack([skin.points @ frames[name].rotation.T + frames[name].origin for name, skin in skins.items()])
+    triangles = np.vstack([skin.triangles + start for skin, start in zip(skins.values(), starts, strict=False)])
+    owners = np.repeat(np.arange(1, len(skins) + 1), [len(skin.triangles) for skin in skins.values()])
+    return LabelledSurface(points, triangles, owners, dict(enumerate(skins, 1)), scene.name)
+
+
+def _write_picture(surface: LabelledSurface, path: Path) -> None:
+    image, labelled = draw_numbered(surface)
+    write_output(path, image)
+    hidden = len(surface.labels) - len(labelled)
+    remark = f" ({hidden} too small or hidden for a label)" if hidden else ""
+    make_console().print(f"\npicture: {path}{remark}", markup=False)

@@ -1,0 +1,209 @@
+"""``headstock new``: a folder with a scene that runs as it is, for a box or for a STEP part of the user's own."""
+
+import dataclasses
+import os
+import shlex
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from headstock.app.actions.editor_schema import scene_schema
+from headstock.app.actions.showing import STEP_SUFFIXES, format_suggestions
+from headstock.app.terminal.console import make_console
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.parts.cad_faces import CadFace, name_faces
+from headstock.geometry.parts.interface_suggestions import SuggestedInterface, suggest_interfaces
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components.cad_survey import CadSurvey, survey_step
+from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.errors import MeshError
+from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.scene.building.loader import load_scene
+
+PART_NAME = "part"
+
+SCHEMA = "scene.schema.json"  # as the first line of a scene names it for editors
+SCENE = """\
+#:schema ./scene.schema.json
+# {heading}
+# Try it:   headstock check {scene}      headstock plan {scene}      headstock run {scene}
+# Change a value for one run only:   headstock run {scene} --set materials.steel.E="190 GPa"
+# Lengths, stiffnesses and so on are texts with a unit; docs/scene_reference.md lists every key.
+name = "{name}"
+
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+
+[components.{part}]
+solid = {solid}
+material = "steel"
+fidelity = "elastic"                # "rigid": six degrees of freedom and no mesh
+# mesh = {{ size = "{size}" }}{pad}# smaller is finer; left out, the size follows from the shape
+
+{interfaces}
+
+[joints.clamp]                      # {foot} is held by the ground: rigidly, or by the springs of a mount
+between = ["ground", "{part}.{foot}"]
+kind = "rigid"
+# kind = "spring"
+# stiffness = {{ x = "200 N/um", y = "200 N/um", z = "500 N/um", rx = "rigid", ry = "rigid", rz = "rigid" }}
+
+[points]                            # where results are wanted: motion of tool relative to work
+tcp = {{ tool = "{part}.{tip}", work = "ground" }}
+
+[analyses.static]                   # compliance at the points, and which part of the machine it comes from
+at = "tcp"
+
+[analyses.modal]                    # natural frequencies and modes
+count = 6
+"""
+BOX_INTERFACES = """\
+[components.part.interfaces]        # areas that joints hold on to
+foot = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+# pad = { face = "x+", rect = { center = ["0 mm", "300 mm"], size = ["60 mm", "80 mm"] } }"""
+
+
+@dataclasses.dataclass(frozen=True)
+class StartRequest:
+    """What the command line asked for."""
+
+    folder: Path
+    part: Path | None
+    solid: int | str | None
+
+
+def start_scene(request: StartRequest) -> int:
+    """Make a new folder with a scene, and with a copy of the STEP part where one is given.
+
+    Raises:
+        click.UsageError: The folder is taken, or the part is no STEP file.
+        HeadstockError: The part cannot be read or meshed, or has no two planes to hold it at.
+    """
+    folder = request.folder.absolute() if request.folder.name in ("", "..") else request.folder
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise click.UsageError(f"{folder} exists and is not an empty folder; nothing was changed: choose another name")
+    if request.part is not None and request.part.suffix.lower() not in STEP_SUFFIXES:
+        raise click.UsageError(f"{request.part.name} is no STEP file (.step, .stp)")
+    if request.part is None:
+        text, doubt = _box_scene(folder), None
+    else:
+        survey = survey_step(StepFile(request.part.absolute(), request.solid))
+        text = _part_scene(request, survey)
+        doubt = doubt_size(request.part, max(survey.size))
+    try:
+        _fill_folder(folder, text, request.part)
+    except OSError as error:
+        raise click.UsageError(f"{folder} cannot be made: {error.strerror or error}") from error
+    console = make_console()
+    if doubt is not None:
+        console.print(f"warning: {doubt}", style="yellow", markup=False)
+    scene = folder / _scene_name(folder)
+    if request.part is not None:
+        _try_mesh(scene)
+    # as the reader types it: the launcher says how it was called
+    command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
+    console.print(f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _try_mesh(path: Path) -> None:
+    """Mesh the part as its scene has it: what cannot be meshed is better known now.
+
+    Raises:
+        MeshError: It cannot; the folder stays, for a part that is mended.
+    """
+    scene = load_scene(path)
+    (component,) = scene.machine.components.values()
+    try:
+        mesh_component(component)
+    except MeshError as error:
+        raise MeshError(f"{path} is written, but its part cannot be meshed as it is: {error}") from error
+
+
+def _fill_folder(folder: Path, text: str, part: Path | None) -> None:
+    """All or nothing: the folder appears when it is complete."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".headstock-new-", dir=folder.parent) as made:
+        scene = Path(made, folder.name)
+        scene.mkdir()
+        (scene / _scene_name(folder)).write_text(text)
+        (scene / SCHEMA).write_text(dump_json(scene_schema()))
+        if part is not None:
+            shutil.copyfile(part, scene / part.name)
+        scene.replace(folder)  # an empty folder of that name gives way
+
+
+def _scene_name(folder: Path) -> str:
+    """The scene is called like its folder, so that results of two scenes go to two folders."""
+    return f"{folder.name}.toml"
+
+
+def _box_scene(folder: Path) -> str:
+    return SCENE.format(
+        heading="A first scene: a steel block as a cantilever.",
+        scene=_scene_name(folder),
+        name="A block of steel",
+        part=PART_NAME,
+        solid='{ box = ["40 mm", "100 mm", "500 mm"] }   # x, y, z; or { step = "part.step" }',
+        size="20 mm",
+        pad="         ",
+        interfaces=BOX_INTERFACES,
+        foot="foot",
+        tip="tip",
+    )
+
+
+def _part_scene(request: StartRequest, survey: CadSurvey) -> str:
+    part = request.part
+    if part is None:
+        raise ValueError("a part scene needs a part")
+    suggestions = suggest_interfaces(survey.faces)
+    foot, tip = _choose_ends(survey.faces, suggestions)
+    others = [found for found in suggestions if found.faces not in (foot.faces, tip.faces)]
+    table, *lines = format_suggestions(PART_NAME, [foot, tip]).splitlines()
+    lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
+    lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
+    choice = "" if request.solid is None else f", solid = {_quote(request.solid)}"
+    return SCENE.format(
+        heading=f"A first scene for {part.name}, whose faces `headstock show {part.name}` numbers and draws.",
+        scene=_scene_name(request.folder),
+        name=part.stem.replace('"', "'").replace("\\", "/"),
+        part=PART_NAME,
+        solid=f"{{ step = {_quote(part.name)}{choice} }}",
+        size=f"{1e3 * max(survey.size) / 25:.2g} mm",
+        pad="         ",
+        interfaces="\n".join([table, *lines]),
+        foot=foot.name,
+        tip=tip.name,
+    )
+
+
+def _choose_ends(
+    faces: Sequence[CadFace], suggestions: Sequence[SuggestedInterface]
+) -> tuple[SuggestedInterface, SuggestedInterface]:
+    """What to hold and where to look: the opposing planes, the lower one first, else the largest plane and the farthest other."""
+    ends = [found for found in suggestions if found.reason.startswith("plane")]
+    if len(ends) == 2:
+        return (ends[1], ends[0]) if ends[1].name in ("bottom", "back", "right") else (ends[0], ends[1])
+    planes = sorted((face for face in faces if face.kind == "plane"), key=lambda face: -face.area)
+    if len(planes) < 2:
+        raise HeadstockError("the part has no two plane faces to hold it by; write the scene by hand, see docs/scene_reference.md")
+    names = name_faces(faces)
+    farthest = max(planes[1:], key=lambda face: float(np.linalg.norm(np.subtract(face.center, planes[0].center))))
+    foot = SuggestedInterface("foot", (names[planes[0].number],), f"plane, {planes[0].area * 1e4:.4g} cm^2")
+    return foot, SuggestedInterface("tip", (names[farthest.number],), f"plane, {farthest.area * 1e4:.4g} cm^2")
+
+
+def _quote(value: int | str) -> str:
+    if isinstance(value, int):
+        return str(value)
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

@@ -1,0 +1,151 @@
+"""``headstock study``: vary keys of a scene, watch results, and go on where a killed study was."""
+
+import contextlib
+import dataclasses
+import functools
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from mpi4py import MPI
+
+import headstock.validation
+from headstock.app.actions.running import require_ranks
+from headstock.app.charts.cost_charts import draw_costs
+from headstock.app.charts.ladder import draw_ladder
+from headstock.app.charts.study import draw_study
+from headstock.app.pictures.png_images import encode_png
+from headstock.app.terminal.console import print_remarks
+from headstock.app.terminal.cost_listing import cost_table, list_costs
+from headstock.app.terminal.guard import DONE, FAILED
+from headstock.app.terminal.ladder import ladder_tables, list_claims, print_ladder
+from headstock.app.terminal.study import list_study, print_progress, print_study, study_csv
+from headstock.app.texts.tables import encode_csv
+from headstock.pipeline.storage.content_keys import code_fingerprint
+from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import suggest_names
+from headstock.solvers.rank_messages import make_on_root, share_from_root
+from headstock.studies.parameters.costs import weigh_costs
+from headstock.studies.parameters.records import StudyRecord
+from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
+from headstock.studies.parameters.tables import StudyTable, tabulate_study
+from headstock.validation.ladder.kono_claims import judge_ladder, judge_own
+from headstock.validation.ladder.paper_elements_2 import paper_points
+from headstock.validation.ladder.points import collect_points, measure_beam
+from headstock.validation.ladder.references import LadderBeam, ladder_beam
+
+TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
+Extra = dict[str, bytes]  # further files of a study, by name
+
+
+@dataclass(frozen=True)
+class StudyRequest:
+    """What the command line asked for."""
+
+    scene: Path
+    name: str
+    output: Path | None
+    variant: str | None
+    overrides: tuple[str, ...]
+    ranks: int | None
+    cold: bool
+    repeats: int | None
+    retry: bool
+    json_file: Path | None
+
+
+def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a study on all ranks, print its table and write its files, with where it comes from.
+
+    Raises:
+        SceneError: The scene or a varied value has problems.
+        click.UsageError: The scene has no such study, or an option does not fit.
+        HeadstockError: A file cannot be written.
+    """
+    start = time.perf_counter()
+    require_ranks(request.ranks, comm)
+    job = make_on_root(comm, lambda: _make_job(request))
+    folder = request.output or Path("results") / f"{request.scene.stem}-{request.name}"
+    with claim_output(folder, (TABLE_FILE, LISTING_FILE)) if comm.rank == 0 else contextlib.nullcontext():
+        records = run_study(job, folder, comm=comm, observer=print_progress)
+        if comm.rank == 0:
+            table = tabulate_study(job.study, records)
+            remarks = _publish(table, records, folder, request, origin)
+            print_study(table, seconds=time.perf_counter() - start, folder=folder)
+            print_remarks(remarks)
+    failed = any(record.status == "failed" for record in records)
+    return int(share_from_root(comm, FAILED if failed else DONE))
+
+
+def _make_job(request: StudyRequest) -> StudyJob:
+    content = hash_scene(request.scene) if request.scene.is_file() else ""
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    if request.name not in scene.studies:
+        raise click.UsageError(
+            f"{request.scene} has no study {request.name!r}; {suggest_names(request.name, scene.studies, what='studies')}"
+        )
+    study = scene.studies[request.name]
+    changes: dict[str, Any] = {"cold": True} if request.cold else {}
+    changes |= {"repeats": request.repeats} if request.repeats is not None else {}
+    job = StudyJob(
+        path=request.scene,
+        study=dataclasses.replace(study, **changes),
+        raw=scene.raw,
+        content=content,
+        variant=request.variant,
+        overrides=request.overrides,
+        measure=None if study.reference is None else functools.partial(measure_beam, study.reference),
+        measure_name="" if study.reference is None else f"{study.reference} {code_fingerprint(headstock.validation)}",
+        retry=request.retry,
+    )
+    check_points(job)
+    return job
+
+
+def _publish(
+    table: StudyTable, records: Sequence[StudyRecord], folder: Path, request: StudyRequest, origin: Provenance | None
+) -> list[str]:
+    """Write the files of a study beside its records, and print what a reference says of it; remarks for the user."""
+    extra: Extra = {}
+    listing = list_study(table, request.scene)
+    if table.study.reference is not None:
+        listing |= _add_ladder(ladder_beam(table.study.reference), records, extra)
+    if table.study.truth is not None:
+        listing |= _add_costs(table, extra)
+    figure = draw_study(table)
+    if figure is not None:
+        extra["study.png"] = encode_png(figure)
+    remarks = write_beside(folder, extra)
+    write_output(folder / TABLE_FILE, study_csv(table))
+    if origin is not None:
+        listing["provenance"] = origin.summarise()
+    write_output(folder / LISTING_FILE, dump_json(listing).encode())
+    if request.json_file is not None:
+        write_output(request.json_file, dump_json(listing).encode())
+    return remarks
+
+
+def _add_costs(table: StudyTable, extra: Extra) -> Json:
+    """Errors beside costs, as a table and a figure."""
+    points = weigh_costs(table)
+    extra["cost.csv"] = encode_csv(cost_table(points))
+    figure = draw_costs(points, {family.name: family.label for family in table.study.families})
+    if figure is not None:
+        extra["cost.png"] = encode_png(figure)
+    return list_costs(points)
+
+
+def _add_ladder(beam: LadderBeam, records: Sequence[StudyRecord], extra: Extra) -> Json:
+    """Figures, tables and claims of a ladder."""
+    points = [*collect_points(beam, records), *paper_points(beam)]
+    claims, own = judge_ladder(beam, points), judge_own(beam, points)
+    extra.update({f"{table.name}.csv": encode_csv(table) for table in ladder_tables(beam, points, [*claims, *own])})
+    extra.update({f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()})
+    print_ladder(beam, points, claims, own)
+    return {"claims": list_claims(claims), "own_claims": list_claims(own)}

@@ -1,0 +1,144 @@
+"""``headstock sweep``: the analyses of a scene in every pose of a sweep."""
+
+import contextlib
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from mpi4py import MPI
+
+from headstock.app.actions.cluster_sweeping import ClusterRequest, sweep_on_slurm
+from headstock.app.actions.running import require_ranks
+from headstock.app.actions.sweep_parts import compute_part
+from headstock.app.charts.sweep import draw_sweep
+from headstock.app.pictures.png_images import encode_png
+from headstock.app.report.pages import render_sweep
+from headstock.app.terminal.console import print_remarks, print_stage, warn_of_unused_accuracy
+from headstock.app.terminal.guard import DONE, FAILED
+from headstock.app.terminal.sweep import print_sweep, print_sweep_header
+from headstock.app.texts.sweep_quantities import tabulate_sweep
+from headstock.app.texts.tables import encode_csv
+from headstock.pipeline.results.files import REPORT_FILE
+from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.scene.building.loader import load_scene
+from headstock.scene.building.studies import check_sweep_carriages
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.schema.overrides import VARIANT_JOINER
+from headstock.solvers.rank_messages import make_on_root, share_from_root
+from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
+from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
+from headstock.studies.sweeps.results import SweepResults, collect_results
+from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+from headstock.studies.sweeps.sweep_names import name_tracked_modes
+
+SUMMARY, CSV_FILE, ORIGIN_FILE = "sweep.json", "sweep.csv", "provenance.json"
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What the command line asked for; a part only in a task of an array job, whose key says what was submitted."""
+
+    scene: Path
+    name: str
+    output: Path | None
+    variant: str | None
+    overrides: tuple[str, ...]
+    ranks: int | None
+    retry: bool
+    json_file: Path | None
+    cluster: SlurmOptions | None = None
+    wait: bool = True
+    part: Part | None = None
+    key: str | None = None
+
+
+def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+    """Run a sweep on all ranks, print what it found and write its files, and beside them where they come from.
+
+    Raises:
+        SceneError: The scene or a pose of the sweep has problems.
+        click.UsageError: The scene has no such sweep, or an option does not fit.
+        HeadstockError: A component cannot be reduced, or a file cannot be written.
+    """
+    start = time.perf_counter()
+    if request.cluster is not None:
+        return _sweep_elsewhere(request, request.cluster, comm, origin)
+    require_ranks(request.ranks, comm)
+    job = make_on_root(comm, lambda: _make_job(request))
+    if request.part is not None:
+        return compute_part(job, request.key, comm)
+    with (
+        claim_output(job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, ORIGIN_FILE, REPORT_FILE), (FOLDER,))
+        if comm.rank == 0
+        else contextlib.nullcontext()
+    ):
+        if comm.rank == 0:
+            print_sweep_header(job, ranks=comm.size)
+        outcome = run_sweep(job, comm=comm, observer=print_stage)
+        failed = False
+        if comm.rank == 0:
+            results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+            results = name_tracked_modes(outcome.state, results)
+            summary = summarise_sweep(results)
+            remarks = _publish(summary, results, request, job.folder, origin)
+            print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)
+            print_remarks(remarks)
+            failed = bool(results.failed)
+    return int(share_from_root(comm, FAILED if failed else DONE))
+
+
+def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None) -> int:
+    here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
+    words = [word for text in request.overrides for word in ("--set", text)]
+    words += ["--variant", request.variant] if request.variant else []
+    words += ["--retry"] if request.retry else []
+    cluster = ClusterRequest(options, tuple(words), request.retry, request.wait)
+    return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
+
+
+def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path, origin: Provenance | None) -> list[str]:
+    """Write every file of a sweep: results, pictures and the page, and where they come from; remarks for the user."""
+    words = None if origin is None else origin.summarise()
+    if words is not None:
+        # apart from the results, which are the same bytes whenever and wherever they are computed
+        write_output(folder / ORIGIN_FILE, dump_json(words).encode())
+    write_sweep(folder, results)
+    write_output(folder / SUMMARY, dump_json(summary).encode())
+    if request.json_file is not None:
+        # there alone, without a file of its origin beside it
+        write_output(request.json_file, dump_json(summary if words is None else {**summary, "provenance": words}).encode())
+    write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
+    figures = {name: encode_png(pixels) for name, pixels in draw_sweep(summary).items()}
+    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
+    write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
+    remove_other_journals(folder, results.key)
+    return remarks
+
+
+def _make_job(request: SweepRequest) -> SweepJob:
+    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    if request.name not in scene.sweeps:
+        raise click.UsageError(
+            f"{request.scene} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
+        )
+    sweep = scene.sweeps[request.name]
+    if sweep.variant is not None:
+        joined = VARIANT_JOINER.join(filter(None, [request.variant, sweep.variant]))
+        scene = load_scene(request.scene, variant=joined, overrides=request.overrides)
+        sweep = scene.sweeps[request.name]
+    if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
+        raise click.UsageError(
+            f"{request.scene} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
+        )
+    findings = Findings(str(request.scene))
+    check_sweep_carriages(scene.machine, sweep, findings)
+    findings.raise_if_any()
+    warn_of_unused_accuracy(scene)
+    stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
+    folder = request.output or Path("results") / stem
+    return SweepJob(select_analyses(scene), sweep, folder, request.part or Part(), request.retry)

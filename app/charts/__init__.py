@@ -1,0 +1,1 @@
+"""Figures of results by matplotlib. Never a number that is not in a result."""

@@ -1,0 +1,101 @@
+"""Charts as images: compliance budgets and natural frequencies, by matplotlib."""
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from headstock.app.texts.tables import sort_shares, static_by_pose
+from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.storage.json_texts import Json
+
+DPI = 130
+BARS_SHOWN = 8
+JOINT_COLOR = "#94a3b8"
+INK, FAINT = "#1f2937", "#cbd5e1"
+LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
+DASHES = ("-", "--", ":", "-.")
+
+
+def draw_charts(summary: Json, colors: dict[str, str]) -> dict[str, NDArray[np.uint8]]:
+    """Every chart of a summary: name to ``(height, width, 4)`` pixels.
+
+    Args:
+        summary: Content of ``summary.json``.
+        colors: Colour of each component.
+    """
+    found = {}
+    for pose, points in static_by_pose(summary).items():
+        for name, point in points.items():
+            found[f"budget_{file_stem(pose)}_{file_stem(name)}"] = _draw_budget(point["budget"], colors)
+    if any(modes["frequencies_hz"] for modes in summary["modal"]):
+        found["frequencies"] = _draw_frequencies(summary["modal"])
+    return found
+
+
+def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) -> NDArray[np.uint8]:
+    figure = Figure(figsize=(10.0, 3.2), dpi=DPI, layout="constrained")
+    for number, (direction, shares) in enumerate(budget.items()):
+        axes = figure.add_subplot(1, len(budget), number + 1)
+        rows = sort_shares(shares)[:BARS_SHOWN][::-1]
+        axes.barh(
+            [name for name, _ in rows], [100 * share for _, share in rows], color=[colors.get(n, JOINT_COLOR) for n, _ in rows]
+        )
+        axes.set_title(f"{direction}: share of the compliance [%]", fontsize=9, color=INK, loc="left")
+        calm_axes(axes)
+    return read_pixels(figure)
+
+
+def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
+    figure = Figure(figsize=(10.0, 0.9 + 0.55 * len(modal)), dpi=DPI, layout="constrained")
+    axes = figure.add_subplot()
+    for row, modes in enumerate(modal):
+        elastic = modes["frequencies_hz"][modes["rigid_count"] :]
+        axes.vlines(elastic, row - 0.32, row + 0.32, color="#4f7cac", linewidth=1.8)
+    axes.set_yticks(range(len(modal)), [modes["pose_name"] for modes in modal])
+    axes.set_ylim(len(modal) - 0.4, -0.6)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("natural frequency [Hz]", fontsize=9, color=INK)
+    calm_axes(axes)
+    return read_pixels(figure)
+
+
+def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and a figure as much higher."""
+    if not labels:
+        return
+    wide, high = figure.get_size_inches()
+    shown = ["\n".join(textwrap.wrap(label, max(20, int(wide / LETTER_INCHES) - 8))) for label in labels]
+    longest = max(len(line) for label in shown for line in label.split("\n"))
+    columns = max(1, min(6, len(shown), int(wide / (LETTER_INCHES * longest + HANDLE_INCHES))))
+    rows = -(-len(shown) // columns) * max(label.count("\n") + 1 for label in shown)
+    figure.set_size_inches(wide, high + LINE_INCHES * rows)
+    figure.legend(handles, shown, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+
+
+def line_style(number: int, colors: Sequence[str]) -> dict[str, Any]:
+    """Colour and dashes of the line of this number: dashes change where colours begin again."""
+    return {"color": colors[number % len(colors)], "linestyle": DASHES[(number // len(colors)) % len(DASHES)]}
+
+
+def calm_axes(axes: Axes) -> None:
+    """Leave only what is read: no frame, a faint grid."""
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    axes.spines["bottom"].set_color(FAINT)
+    axes.tick_params(labelsize=8, colors=INK, length=0)
+    axes.grid(axis="x", color=FAINT, linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def read_pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Pixels ``(height, width, 4)`` of a figure."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba(), dtype=np.uint8)

@@ -1,0 +1,142 @@
+"""Variants side by side as figures: frequencies as levels joined where modes are the same, compliances as bars."""
+
+import itertools
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, read_pixels
+from headstock.app.terminal.comparison import alike_rigid_modes
+from headstock.app.texts.error_texts import show_digits
+from headstock.pipeline.results.views import COLORS
+from headstock.pipeline.storage.json_texts import Json
+
+DIRECTIONS = ("x", "y", "z")
+LEVEL_HALF_WIDTH = 0.3
+LABEL_INCHES = 0.17
+NAME_LENGTH = 60
+VARIANT_LENGTH = 14
+MOST_UPRIGHT = 15  # bars whose numbers stand upright beside each other
+
+
+def draw_comparison(summary: Json) -> dict[str, NDArray[np.uint8]]:
+    """Figure name to ``(height, width, 4)`` pixels; no figure for what was not computed."""
+    figures = {}
+    if summary["modes"]:
+        figures["frequencies"] = _draw_levels(summary)
+    points = list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
+    if points:
+        figures["compliances"] = _draw_compliances(summary, points)
+    return figures
+
+
+def _draw_levels(summary: Json) -> NDArray[np.uint8]:
+    names = list(summary["variants"])
+    alike = alike_rigid_modes(summary)
+    rows = [row for row in summary["modes"] if row not in alike]
+    height = max(6.0, LABEL_INCHES * (len(rows) + 4) + 1.0)
+    figure = Figure(figsize=(4.4 + 1.25 * len(names), height), dpi=DPI, layout="constrained")
+    axes = figure.add_subplot()
+    for row in alike:
+        for x, name in enumerate(names):
+            hz = row["variants"][name]["frequency_hz"]
+            axes.plot([x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=FAINT, linewidth=1.0)
+    ends = [((len(names) - 1, _last_hz(alike[-1])), f"{len(alike)} rigid-body modes", INK)] if alike else []
+    for number, row in enumerate(rows):
+        color = COLORS[number % len(COLORS)]
+        places = [(x, row["variants"][name]["frequency_hz"]) for x, name in enumerate(names) if row["variants"][name] is not None]
+        _draw_mode(axes, places, color)
+        ends.append((places[-1], row["name"], color))
+    axes.set_xticks(range(len(names)), ["\n".join(textwrap.wrap(name, VARIANT_LENGTH)) for name in names])
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.set_ylim(0.0, (1.0 + 1.5 * LABEL_INCHES / height) * axes.get_ylim()[1])
+    axes.set_ylabel("natural frequency [Hz]", fontsize=9, color=INK)
+    calm_axes(axes)
+    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    axes.grid(visible=False, axis="x")
+    gap = LABEL_INCHES / (height - 1.0) * axes.get_ylim()[1]
+    for x, name in enumerate(names):
+        cells = [(row["variants"][name], COLORS[number % len(COLORS)]) for number, row in enumerate(rows)]
+        _write_levels(axes, x, [(cell["frequency_hz"], color) for cell, color in cells if cell is not None], gap)
+    _name_levels(axes, ends, len(names) - 0.6, gap)
+    return read_pixels(figure)
+
+
+def spread_labels(levels: Sequence[float], gap: float) -> list[float]:
+    """Heights of labels at levels in rising order, moved up where one would touch the one below."""
+    heights: list[float] = []
+    for level in levels:
+        heights.append(max(level, heights[-1] + gap) if heights else level)
+    return heights
+
+
+def _write_levels(axes: Axes, x: int, levels: list[tuple[float, str]], gap: float) -> None:
+    """The frequency above each level of a variant, in its colour; on white, since lines may pass behind it."""
+    ordered = sorted(levels)
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
+    for (hz, color), height in zip(ordered, spread_labels([hz for hz, _ in ordered], gap), strict=True):
+        axes.annotate(
+            show_digits(hz, 4), (x, height), (0, 4), textcoords="offset points", ha="center", fontsize=7, color=color, bbox=white
+        )
+
+
+def _draw_mode(axes: Axes, places: list[tuple[int, float]], color: str) -> None:
+    """A level per variant that has the mode, joined by lines; dotted where variants between lack it."""
+    for x, hz in places:
+        axes.plot([x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=color, linewidth=2.6, solid_capstyle="butt")
+    for (x, hz), (next_x, next_hz) in itertools.pairwise(places):
+        style = "-" if next_x == x + 1 else ":"
+        axes.plot([x + LEVEL_HALF_WIDTH, next_x - LEVEL_HALF_WIDTH], [hz, next_hz], style, color=color, linewidth=1.0)
+
+
+def _last_hz(row: Json) -> float:
+    return float(list(row["variants"].values())[-1]["frequency_hz"])
+
+
+def _name_levels(axes: Axes, ends: list[tuple[tuple[int, float], str, str]], right: float, gap: float) -> None:
+    """Names beside the last level of each mode, moved apart where they would touch."""
+    ordered = sorted(ends, key=lambda end: end[0][1])
+    heights = spread_labels([hz for (_, hz), _, _ in ordered], gap)
+    for ((x, hz), name, color), height in zip(ordered, heights, strict=True):
+        text = "\n".join(textwrap.wrap(name, NAME_LENGTH)[:2])
+        axes.annotate(
+            text,
+            (x + LEVEL_HALF_WIDTH, hz),
+            (right + 0.35, height),
+            va="center",
+            fontsize=7.5,
+            color=color,
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.5, "alpha": 0.5},
+        )
+
+
+def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
+    variants = summary["variants"]
+    width = max(6.0, 1.6 + 0.34 * 3 * len(variants))
+    figure = Figure(figsize=(width, 2.9 * len(points) + 0.4), dpi=DPI, layout="constrained")
+    for number, point in enumerate(points):
+        axes = figure.add_subplot(len(points), 1, number + 1)
+        known = [name for name in variants if point in variants[name]["static"]]
+        bar = 0.8 / max(1, len(known))
+        for place, name in enumerate(known):
+            matrix = variants[name]["static"][point]["compliance_um_per_kN"]
+            # a free direction has no bar
+            values = [np.nan if matrix[i][i] is None else matrix[i][i] for i in range(3)]
+            at = [i - 0.4 + bar * (place + 0.5) for i in range(3)]
+            bars = axes.bar(at, values, 0.92 * bar, label=name, color=COLORS[place % len(COLORS)])
+            crowded = 3 * len(known) > MOST_UPRIGHT
+            words = ["" if np.isnan(value) else show_digits(value, 3) for value in values]
+            axes.bar_label(bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0)
+        axes.set_xticks(range(3), [f"d{d}/F{d}" for d in DIRECTIONS])
+        axes.set_title(f"compliance at {point} [µm/kN]", fontsize=9, color=INK, loc="left")
+        calm_axes(axes)
+        axes.grid(axis="y", color=FAINT, linewidth=0.5)
+        axes.grid(visible=False, axis="x")
+        axes.margins(y=0.15)
+    add_legend(figure, *figure.axes[0].get_legend_handles_labels())
+    return read_pixels(figure)

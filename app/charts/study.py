@@ -1,0 +1,201 @@
+"""A study as small charts: one per watched number, a line per family and per value of the other varied keys."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, line_style, read_pixels
+from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
+from headstock.scene.studies import shorten_key, show_value
+from headstock.studies.parameters.tables import MESH_SIZE, StudyRow, StudyTable, is_number, shorten_columns, varied_numbers
+
+MOST_PANELS = 30
+MOST_TICKS = 7
+MOST_LETTERS = 30  # below a panel, side by side
+PANEL_COLUMNS = 3
+COLORS = (
+    "#4f7cac",
+    "#d97706",
+    "#2f855a",
+    "#b83280",
+    "#6b46c1",
+    "#718096",
+    "#0e7490",
+    "#be123c",
+    "#a16207",
+    "#334155",
+    "#65a30d",
+    "#7c3aed",
+)
+
+
+# ending of a result's name to its unit
+UNITS = {
+    "um_per_kN": "µm/kN",
+    "N_per_um": "N/µm",
+    "hz": "Hz",
+    "kg": "kg",
+    "mb": "MB",
+    "mpa": "MPa",
+    "um": "µm",
+    "urad": "µrad",
+    "mm": "mm",
+    "s": "s",
+    "seconds": "s",
+}
+TITLE_LENGTH = 44
+LINE: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linewidth": 1.3}
+_STEP = re.compile(r"[^.\[\]]+|\[-?\d+\]")
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """What is drawn along x: a varied key, its label, the place of each of its values, and what stands at each place."""
+
+    key: str
+    label: str
+    places: dict[str, float]
+    marks: dict[float, str]
+    logarithmic: bool
+
+
+def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
+    """The watched numbers over the first varied key (a mesh size before others); None where no number is watched.
+
+    Every line is drawn; of more than thirty watched numbers the first thirty, which the figure says.
+    """
+    every = [column for column in table.columns if any(is_number(row.values.get(column)) for row in table.rows)]
+    columns, axis = every[:MOST_PANELS], _choose_axis(table)
+    if not columns or axis is None:
+        return None
+    width = min(PANEL_COLUMNS, len(columns))
+    height = -(-len(columns) // width)
+    figure = Figure(figsize=(3.6 * width + 0.6, 2.5 * height + 0.7), dpi=DPI, layout="constrained")
+    short = shorten_columns(columns)
+    lines = _lines(table, axis.key)
+    for number, column in enumerate(columns):
+        axes = figure.add_subplot(height, width, number + 1)
+        _draw_panel(axes, table, lines, column, axis)
+        axes.set_title(describe_column(column, short[column]), fontsize=9, color=INK, loc="left")
+        if number >= len(columns) - width:
+            axes.set_xlabel(axis.label, fontsize=8, color=INK)
+    if len(columns) < len(every):
+        figure.suptitle(f"the first {len(columns)} of {len(every)} watched numbers; study.csv holds all", fontsize=9, color=INK)
+    titled = {title: Line2D([], [], **LINE, **line_style(number, COLORS)) for number, title in enumerate(lines) if title}
+    add_legend(figure, list(titled.values()), list(titled))
+    return read_pixels(figure)
+
+
+def describe_column(column: str, short: str) -> str:
+    """A watched path in words with its unit: ``modal.frequencies_hz[0]`` is ``frequency 1 [Hz]``.
+
+    Args:
+        column: The path.
+        short: Its last names, as many as tell it from the others.
+    """
+    steps = _STEP.findall(short if "." in short or "[" in short else column.split(".")[-1])
+    names = [step for step in steps if not step.startswith("[")]
+    numbers = [int(step[1:-1]) for step in steps if step.startswith("[")]
+    ending = next((end for end in UNITS if names[-1] == end or names[-1].endswith(f"_{end}")), None)
+    words = [*names[:-1], names[-1].removesuffix(ending or "").rstrip("_") or names[-1]]
+    if names[-1].startswith("compliance") and len(numbers) == len("xy"):
+        words.append("".join("xyz"[number] if 0 <= number < len("xyz") else str(number + 1) for number in numbers))
+    else:
+        words += [str(number + 1 if number >= 0 else number) for number in numbers]
+    text = " ".join(words).replace("_", " ").replace("frequencies", "frequency")
+    text = text if len(text) <= TITLE_LENGTH else f"…{text[-TITLE_LENGTH:]}"
+    return f"{text} [{UNITS[ending]}]" if ending else text
+
+
+def _choose_axis(table: StudyTable) -> _Axis | None:
+    values = {
+        key: list(dict.fromkeys(show_value(row.record.varied[key]) for row in table.rows if key in row.record.varied))
+        for key in table.varied
+    }
+    many = [key for key in table.varied if len(values[key]) > 1] or list(table.varied)
+    sizes = [key for key in many if MESH_SIZE.fullmatch(key)]
+    if not many:
+        return None
+    key = (sizes or many)[0]
+    found = varied_numbers(table, key)
+    if found is None:
+        places = {value: float(place) for place, value in enumerate(values[key])}
+        return _Axis(key, shorten_key(key), places, {place: value for value, place in places.items()}, logarithmic=False)
+    rows = [
+        (show_value(row.record.varied[key]), number)
+        for row, number in zip(table.rows, found.values, strict=True)
+        if number is not None
+    ]
+    unit, factor = _written_unit(values[key], found.unit)
+    known = {text: number / factor for text, number in rows}
+    label = f"{shorten_key(key)} [{unit}]" if unit else shorten_key(key)
+    low, high = min(known.values()), max(known.values())
+    marks = {number: f"{number:.6g}" for number in known.values()}
+    return _Axis(key, label, known, marks, logarithmic=low > 0.0 and high >= 4.0 * low)
+
+
+def _written_unit(texts: Sequence[str], unit: str) -> tuple[str, float]:
+    """The unit in which all values are written, and its size in SI; else the SI unit."""
+    written = {unit_of(text) for text in texts}
+    if len(written) == 1 and (name := written.pop()):
+        return name, float(read_unit(name, *DIMENSIONS).factor)
+    return unit, 1.0
+
+
+def _draw_panel(axes: Axes, table: StudyTable, lines: dict[str, Sequence[StudyRow]], column: str, axis: _Axis) -> None:
+    for number, rows in enumerate(lines.values()):
+        points = sorted(
+            (axis.places[show_value(row.record.varied[axis.key])], row.values[column]) for row in rows if _is_drawn(row, column)
+        )
+        if points:
+            x, y = zip(*points, strict=True)
+            axes.plot(x, y, **LINE, **line_style(number, COLORS))
+    for series in table.series:
+        if series.column == column and series.extrapolation.limit is not None and len(lines) == 1:
+            axes.axhline(series.extrapolation.limit, color=FAINT, linestyle="--", linewidth=1.0)
+    calm_axes(axes)
+    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    if axis.logarithmic:
+        axes.set_xscale("log")
+    _set_ticks(axes, axis)
+
+
+def _is_drawn(row: StudyRow, column: str) -> bool:
+    return is_number(row.values.get(column))
+
+
+def _set_ticks(axes: Axes, axis: _Axis) -> None:
+    """The values themselves; not all of them where they are many or would touch."""
+    ordered = sorted(axis.marks.items())
+    step = -(-len(ordered) // MOST_TICKS)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    shown = ordered[::step]
+    longest = max(len(text) for _, text in shown)
+    crowded = longest * len(shown) > MOST_LETTERS
+    axes.set_xticks([place for place, _ in shown], [text for _, text in shown])
+    if crowded:
+        axes.tick_params(axis="x", rotation=30)
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right")
+
+
+def _lines(table: StudyTable, key: str) -> dict[str, Sequence[StudyRow]]:
+    labels = {family.name: family.label for family in table.study.families if family.name}
+    lines: dict[str, list[StudyRow]] = {}
+    for row in table.rows:
+        varied: dict[str, Any] = row.record.varied
+        if key in varied:
+            words = [f"{shorten_key(other)} = {show_value(value)}" for other, value in varied.items() if other != key]
+            title = ", ".join([labels[row.record.family], *words] if row.record.family in labels else words)
+            lines.setdefault(title, []).append(row)
+    return dict(lines)

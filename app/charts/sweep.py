@@ -1,0 +1,94 @@
+"""Maps and curves of a sweep as images, by matplotlib."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from headstock.app.charts.charts import DPI, INK, calm_axes, line_style, read_pixels
+from headstock.app.texts.sweep_quantities import Quantity, list_quantities
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import SCENE_UNITS
+from headstock.pipeline.results.views import COLORS
+from headstock.pipeline.storage.json_texts import Json
+
+PER_ROW = 3
+MANY = 60  # poses that need no markers
+LEGEND_LINES = 20  # beside a chart
+
+
+def draw_sweep(summary: Json) -> dict[str, NDArray[np.uint8]]:
+    """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in its middle planes.
+
+    Args:
+        summary: As ``summarise_sweep`` gives it.
+    """
+    quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
+    families = {
+        "modes": [quantity for quantity in quantities if quantity.name.startswith("mode_")],
+        "stiffness": [quantity for quantity in quantities if not quantity.name.startswith("mode_")],
+    }
+    moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
+    plane = summary["kind"] == "grid" and len(moving) >= 2
+    return {
+        name: _draw_maps(summary, members, moving[:2]) if plane else _draw_curves(summary, members)
+        for name, members in families.items()
+        if members
+    }
+
+
+def middle_plane(summary: Json, values: FloatArray, axes: list[int]) -> FloatArray:
+    """Values ``(n0, n1)`` over two axes of a grid, the others in their middle."""
+    table = values.reshape(summary["shape"])
+    place = tuple(slice(None) if axis in axes else count // 2 for axis, count in enumerate(summary["shape"]))
+    return np.asarray(table[place])
+
+
+def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> NDArray[np.uint8]:
+    rows = -(-len(quantities) // PER_ROW)
+    figure = Figure(figsize=(12.0, 0.4 + 3.5 * rows), dpi=DPI, layout="constrained")
+    positions = np.array(summary["positions"], dtype=float)
+    spans = []
+    for axis in axes:
+        factor, word = SCENE_UNITS[summary["units"][axis]]
+        spans.append((factor * np.unique(positions[:, axis]), f"{summary['axes'][axis]} [{word}]"))
+    for number, quantity in enumerate(quantities, start=1):
+        frame = figure.add_subplot(rows, min(PER_ROW, len(quantities)), number)
+        mesh = frame.pcolormesh(spans[0][0], spans[1][0], middle_plane(summary, quantity.values, axes).T, shading="nearest")
+        bar = figure.colorbar(mesh, ax=frame)
+        bar.ax.tick_params(labelsize=7)
+        bar.ax.ticklabel_format(axis="y", useOffset=False)  # the numbers themselves, no "+1.108" in a corner
+        frame.set_title(f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}", fontsize=9, color=INK, loc="left")
+        frame.set_xlabel(spans[0][1], fontsize=8)
+        frame.set_ylabel(spans[1][1], fontsize=8)
+        frame.tick_params(labelsize=7)
+    return read_pixels(figure)
+
+
+def _draw_curves(summary: Json, quantities: list[Quantity]) -> NDArray[np.uint8]:
+    places, label = way_of(summary)
+    units = list(dict.fromkeys(quantity.unit for quantity in quantities))
+    figure = Figure(figsize=(10.0, 0.4 + 3.6 * len(units)), dpi=DPI, layout="constrained")
+    for number, unit in enumerate(units, start=1):
+        frame = figure.add_subplot(len(units), 1, number)
+        own = [quantity for quantity in quantities if quantity.unit == unit]
+        marker = "." if len(places) < MANY else ""
+        for place, quantity in enumerate(own):
+            style = line_style(place, COLORS)
+            frame.plot(places, quantity.values, marker=marker, linewidth=1.4, label=quantity.title, **style)
+        columns = -(-len(own) // LEGEND_LINES)
+        frame.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, ncols=columns)
+        frame.ticklabel_format(axis="y", useOffset=False)
+        frame.set_xlabel(label, fontsize=9, color=INK)
+        frame.set_ylabel(f"[{unit}]" if unit else "", fontsize=9, color=INK)
+        calm_axes(frame)
+    return read_pixels(figure)
+
+
+def way_of(summary: Json) -> tuple[FloatArray, str]:
+    """Where the poses stand along a sweep ``(n,)``, and what to write below: the axis that moves, or the number of the pose."""
+    positions = np.array(summary["positions"], dtype=float)
+    moving = [axis for axis in range(positions.shape[1]) if np.ptp(positions[:, axis]) > 0.0]
+    if len(moving) == 1 and bool((np.diff(positions[:, moving[0]]) > 0.0).all()):
+        factor, word = SCENE_UNITS[summary["units"][moving[0]]]
+        return factor * positions[:, moving[0]], f"{summary['axes'][moving[0]]} [{word}]"
+    return np.arange(1, len(positions) + 1, dtype=np.float64), "pose"

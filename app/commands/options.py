@@ -1,0 +1,86 @@
+"""Arguments and options that commands share, and how their texts are read."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+import typer
+
+if TYPE_CHECKING:
+    from headstock.pipeline.storage.provenance import Provenance
+    from headstock.scene.scene import Scene
+
+
+def _check_file(path: Path | None) -> Path | None:
+    """Refuse a file that could not be written at the end, before anything is computed."""
+    if path is None:
+        return None
+    from headstock.pipeline.storage.outputs import OutputError, check_output
+
+    try:
+        check_output(path)
+    except OutputError as error:
+        raise click.BadParameter(str(error)) from error
+    return path
+
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
+Variant = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B.")
+]
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable.")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", callback=_check_file, help="Write what is printed as JSON too.")
+]
+Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
+Ranks = Annotated[int | None, typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them.")]
+NoHost = Annotated[bool, typer.Option("--no-host", help="Leave host and command line out of what is written.")]
+Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable.")]
+
+
+def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
+    """The scene; raises SceneError with every problem."""
+    from headstock.scene.building.loader import load_scene
+
+    return load_scene(scene, variant=variant, overrides=overrides or [])
+
+
+def write_json_file(path: Path | None, content: Any) -> None:
+    """Write what was printed, where a file was named."""
+    if path is not None:
+        from headstock.pipeline.storage.json_texts import dump_json
+        from headstock.pipeline.storage.outputs import write_output
+
+        write_output(path, dump_json(content).encode())
+
+
+def trace_command(
+    scene: Path,
+    *,
+    variant: str | None = None,
+    overrides: Sequence[str] = (),
+    analyses: Sequence[str] = (),
+    ranks: int = 1,
+    with_host: bool,
+) -> "Provenance | None":
+    """Where the results of the present command come from; None where there is no scene file, which is said elsewhere."""
+    from headstock.pipeline.storage.provenance import SceneChoice, trace_origin
+
+    context = click.get_current_context(silent=True)
+    words = None if context is None else context.find_root().obj
+    choice = SceneChoice(scene, variant, tuple(overrides), tuple(analyses))
+    try:
+        return trace_origin(choice, ranks=ranks, command=words, with_host=with_host)
+    except OSError:
+        return None
+
+
+def read_solid(text: str | None) -> int | str | None:
+    """A number of a solid, or its name."""
+    return int(text) if text is not None and text.isdecimal() else text
+
+
+def split_list(text: str | None) -> tuple[str, ...]:
+    """The parts of ``A, B,C``."""
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())

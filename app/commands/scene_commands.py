@@ -1,0 +1,157 @@
+"""Commands on one scene: check, plan, run, effects, export. Heavy modules are imported by the command that needs them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+import typer
+
+from headstock.app.commands.options import (
+    Debug,
+    JsonFile,
+    Names,
+    NoHost,
+    Overrides,
+    Ranks,
+    SceneFile,
+    Variant,
+    load_checked,
+    trace_command,
+    write_json_file,
+)
+from headstock.app.terminal.guard import run_guarded
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def check(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+    """Check a scene: every problem at once, nothing computed."""
+
+    def action() -> int:
+        from headstock.app.actions.checking import check_scene
+
+        return check_scene(scene, variant, set_ or [], json)
+
+    return run_guarded(action, debug=debug)
+
+
+def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json: JsonFile = None, debug: Debug = False) -> int:
+    """Print the stages a scene calls for, with reasons, dofs and memory."""
+
+    def action() -> int:
+        from headstock.app.actions.plan_listing import plan_rows
+        from headstock.app.terminal.console import print_plan
+        from headstock.app.terminal.progress import show_progress
+        from headstock.pipeline.planning.planner import plan_scene
+
+        loaded = load_checked(scene, variant, set_)
+        if loaded.accuracy is None:
+            with show_progress() as progress:
+
+                def tell(component: str) -> None:
+                    progress.end()
+                    progress.begin(f"survey of the surface of {component}")
+
+                planned = plan_scene(loaded, survey=True, before_survey=tell)
+        else:
+            from headstock.pipeline.accuracy.accuracy_plan import plan_first_round  # it loads the solvers
+
+            planned = plan_first_round(loaded)
+        print_plan(loaded.name, planned)
+        write_json_file(json, plan_rows(planned))
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+def run(
+    scene: SceneFile,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/NAME].")] = None,
+    variant: Variant = None,
+    analysis: Names = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Draw no pictures of the machine: saves about a second.")
+    ] = False,
+    volume: Annotated[
+        bool, typer.Option("--volume", help="Write volume meshes with modes, static responses and stresses, too (volume/*.vtu).")
+    ] = False,
+    accuracy: Annotated[
+        str | None,
+        typer.Option("--accuracy", metavar="SHARE", help="Choose meshes and modes so that no number is off by more, such as 1%."),
+    ] = None,
+    no_host: NoHost = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Run a scene: static compliance with its budget, natural modes, and what each cost."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.actions.running import RunRequest, run_request
+
+        overrides = tuple(set_ or ())
+        request = RunRequest(
+            scene, output, variant, tuple(analysis or ()), overrides, ranks, json, not no_figures, accuracy, volume
+        )
+        settings = (*overrides, *([f"accuracy={accuracy}"] if accuracy is not None else []))
+        origin = trace_command(
+            scene, variant=variant, overrides=settings, analyses=analysis or (), ranks=comm.size, with_host=not no_host
+        )
+        return run_request(request, comm, origin)
+
+    return run_guarded(action, debug=debug)
+
+
+def effects(
+    scene: SceneFile,
+    variant: Variant = None,
+    analysis: Names = None,
+    set_: Overrides = None,
+    no_host: NoHost = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Run a scene with each effect switched the other way: how much it moves every answer, and what it costs."""
+
+    def action() -> int:
+        from headstock.app.actions.effecting_2 import EffectsRequest, effects_request
+        from headstock.studies.effects import ScenePlan
+
+        plan = ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ()))
+        origin = trace_command(scene, variant=variant, overrides=plan.overrides, analyses=plan.analyses, with_host=not no_host)
+        return effects_request(EffectsRequest(plan, json, origin))
+
+    return run_guarded(action, debug=debug)
+
+
+def export(
+    scene: SceneFile,
+    component: Annotated[str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="File to write [COMPONENT.h5, SCENE.mat].")
+    ] = None,
+    state_space: Annotated[
+        str | None, typer.Option("--state-space", metavar="HZ", help='State space with modes up to here, such as "500 Hz".')
+    ] = None,
+    pose: Annotated[str | None, typer.Option("--pose", metavar="NAME", help="Pose of the state space [the first].")] = None,
+    variant: Variant = None,
+    set_: Overrides = None,
+    ranks: Ranks = None,
+    no_host: NoHost = False,
+    debug: Debug = False,
+) -> int:
+    """Write one component as a superelement file for other scenes, or the machine's state space as a file for MATLAB."""
+    if (component is None) == (state_space is None):
+        raise click.UsageError('name a component to reduce, or write --state-space "500 Hz" for the whole machine')
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.actions.exporting import ExportRequest, export_component, export_machine
+
+        default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
+        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        request = ExportRequest(scene, component or "", output or default, variant, tuple(set_ or ()), ranks, origin)
+        return export_component(request, comm) if state_space is None else export_machine(request, state_space, pose, comm)
+
+    return run_guarded(action, debug=debug)

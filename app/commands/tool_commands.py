@@ -1,0 +1,169 @@
+"""Commands beside a scene: parts, validation, reports, the environment. Heavy modules are imported by the command that needs them."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+import typer
+
+from headstock.app.commands.options import Debug, JsonFile, Ranks, read_solid, write_json_file
+from headstock.app.terminal.guard import run_guarded
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+class SchemaKind(StrEnum):
+    """Files that have a schema."""
+
+    scene = "scene"
+    targets = "targets"
+
+
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="STEP file (.step, .stp) or scene (.toml).")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG", help="Picture [NAME_faces.png].")] = None,
+    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
+    component: Annotated[str | None, typer.Option("--component", metavar="NAME", help="This STEP component of a scene.")] = None,
+    every_face: Annotated[bool, typer.Option("--all", help="List every face, not only the largest.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Draw a STEP part with numbered faces and suggest interfaces, or draw the machine of a scene."""
+
+    def action() -> int:
+        from headstock.app.actions.showing import ShowRequest, show_file
+
+        return show_file(ShowRequest(file, output, read_solid(solid), component, every_face, json))
+
+    return run_guarded(action, debug=debug)
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")],
+    part: Annotated[Path | None, typer.Option("--part", metavar="STEP", help="STEP part to start from; it is copied.")] = None,
+    solid: Annotated[str | None, typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several.")] = None,
+    debug: Debug = False,
+) -> int:
+    """Make a folder with a commented scene that runs as it is."""
+
+    def action() -> int:
+        from headstock.app.actions.starting import StartRequest, start_scene
+
+        return start_scene(StartRequest(folder, part, read_solid(solid)))
+
+    return run_guarded(action, debug=debug)
+
+
+def validate(
+    cases: Annotated[list[str] | None, typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases.")] = None,
+    json: JsonFile = None,
+    ranks: Ranks = None,
+    debug: Debug = False,
+) -> int:
+    """Hold computed numbers against closed forms and published values."""
+
+    def action(comm: "MPI.Comm") -> int:
+        from headstock.app.actions.validating import validate_cases
+
+        return validate_cases(cases or [], json, ranks, comm, output)
+
+    return run_guarded(action, debug=debug)
+
+
+def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")], debug: Debug = False) -> int:
+    """Write the report of a finished run again, with a PNG of every mode and chart in DIR/figures."""
+
+    def action() -> int:
+        from headstock.app.actions.publishing import PARTS, publish_again
+        from headstock.app.terminal.console import print_remarks
+        from headstock.pipeline.results.files import REPORT_FILE, read_curves, read_paths, read_summary, read_view
+        from headstock.pipeline.storage.outputs import claim_output
+
+        summary = read_summary(folder)
+        with claim_output(folder, (REPORT_FILE,), PARTS):
+            print_remarks(publish_again(folder, summary, read_view(folder), read_curves(folder), read_paths(folder)))
+        typer.echo(folder / REPORT_FILE)
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+def doctor(json: JsonFile = None, debug: Debug = False) -> int:
+    """Check the environment: libraries, MPI, memory, caches."""
+
+    def action() -> int:
+        from headstock.app.actions.doctor_2 import run_doctor
+
+        return run_doctor(json)
+
+    return run_guarded(action, debug=debug)
+
+
+def schema(
+    kind: Annotated[SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")] = SchemaKind.scene,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the scene reference instead.")] = False,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Print the JSON schema of scene files, or of target files, for editors."""
+
+    def action() -> int:
+        from headstock.app.actions.editor_schema import plain_schema, scene_schema, targets_schema
+        from headstock.app.actions.scene_reference import render_reference
+        from headstock.pipeline.storage.json_texts import dump_json
+
+        content = scene_schema() if kind is SchemaKind.scene else targets_schema()
+        typer.echo(render_reference(plain_schema()) if markdown else dump_json(content), nl=False)
+        write_json_file(json, content)
+        return 0
+
+    return run_guarded(action, debug=debug)
+
+
+def _list_campaigns() -> list[str]:
+    return ["kill", "resume", "disk", "fuzz", "files", "slurm"]
+
+
+def campaign(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="kill, resume, disk, fuzz, files or slurm.", autocompletion=_list_campaigns)
+    ],
+    runs: Annotated[
+        int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500, 4].")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 1,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """Try faults on purpose: killed runs, full disks, damaged scenes, damaged files, disturbed jobs of a real Slurm."""
+
+    def action() -> int:
+        from headstock.app.actions.campaigning import run_campaign
+
+        return run_campaign(name, runs, seed, json)
+
+    return run_guarded(action, debug=debug)
+
+
+def _list_shells() -> list[str]:
+    return ["bash", "zsh", "fish"]
+
+
+def completion(
+    shell: Annotated[str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)],
+) -> int:
+    """Print a script that completes commands with the Tab key: source <(./headstock completion bash)."""
+    from headstock.app.actions.shell_completion import SCRIPTS
+
+    if shell not in SCRIPTS:
+        raise click.UsageError(f"no completion for {shell!r}; there is one for: {', '.join(SCRIPTS)}")
+    typer.echo(SCRIPTS[shell], nl=False)
+    return 0
+
+
+def refuse_test(arguments: Annotated[list[str] | None, typer.Argument(metavar="[PYTEST ARGUMENTS]...")] = None) -> int:
+    """Run the tests (the launcher ./headstock does this itself)."""
+    raise click.UsageError("start the tests through the launcher: ./headstock test")

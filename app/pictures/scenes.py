@@ -1,0 +1,84 @@
+"""What one picture shows: coloured triangles and edges in the machine frame, and where the camera stands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.skins import IntArray
+from headstock.pipeline.results.mode_files import SHOWN_SHARE, largest_shift, machine_size
+from headstock.pipeline.results.views import MachineView, PoseView, component_colors
+
+# towards the viewer: from the front, the right and above
+CAMERA = np.array([1.25, -1.0, 0.75]) / np.linalg.norm([1.25, -1.0, 0.75])
+# small to large displacement, the same stops as in the viewer
+RAMP = np.array([[49, 69, 155], [62, 143, 196], [127, 205, 187], [254, 224, 139], [244, 109, 67], [197, 27, 61]]) / 255.0
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One picture to be drawn.
+
+    Attributes:
+        name: Stem of its file.
+        points: ``(n, 3)`` in the machine frame [m].
+        triangles: ``(m, 3)``.
+        edges: ``(k, 2)``.
+        colors: ``(n, 3)`` red, green, blue of the points, 0..1.
+        ghost: ``(n, 3)`` where the points are at rest; None when they are.
+        marks: ``(j, 3)`` places of joints.
+        tools: ``(t, 3)`` places of the named points.
+        size: Width and height in pixels.
+    """
+
+    name: str
+    points: FloatArray
+    triangles: IntArray
+    edges: IntArray
+    colors: FloatArray
+    ghost: FloatArray | None
+    marks: FloatArray
+    tools: FloatArray
+    size: tuple[int, int]
+
+
+def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
+    """The machine at rest, coloured by component, with its joints and points."""
+    points, triangles, edges = _assemble(view, pose)
+    palette = [[int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for color in component_colors(view).values()]
+    colors = np.repeat(palette, [len(skin.points) for skin in view.skins.values()], axis=0)
+    marks = np.array([joint.frame.origin for joint in pose.joints.values()]).reshape(-1, 3)
+    tools = np.array([point.tool_place for point in pose.points.values()]).reshape(-1, 3)
+    return Picture(name, points, triangles, edges, colors, None, marks, tools, size)
+
+
+def mode_picture(name: str, view: MachineView, pose: PoseView, index: int, size: tuple[int, int]) -> Picture:
+    """A mode at its turning point, coloured by displacement."""
+    points, triangles, edges = _assemble(view, pose)
+    shift = np.vstack([pose.shifts[part][index] for part in view.skins]).astype(float)
+    largest = largest_shift([shift])
+    share = np.linalg.norm(shift, axis=1) / largest
+    colors = np.column_stack([np.interp(share, np.linspace(0.0, 1.0, len(RAMP)), RAMP[:, channel]) for channel in range(3)])
+    moved = points + shift * (SHOWN_SHARE * machine_size(view, pose) / largest)
+    return Picture(name, moved, triangles, edges, colors, points, np.zeros((0, 3)), np.zeros((0, 3)), size)
+
+
+def camera_axes() -> FloatArray:
+    """Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame."""
+    right = np.cross([0.0, 0.0, 1.0], CAMERA)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(CAMERA, right), CAMERA])
+
+
+def _assemble(view: MachineView, pose: PoseView) -> tuple[FloatArray, IntArray, IntArray]:
+    points: list[FloatArray] = [np.zeros((0, 3))]
+    triangles: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
+    edges: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
+    start = 0
+    for name, skin in view.skins.items():
+        frame = pose.placements[name]
+        points.append(skin.points @ frame.rotation.T + frame.origin)
+        triangles.append(skin.triangles + start)
+        edges.append(skin.edges + start)
+        start += len(skin.points)
+    return np.vstack(points), np.vstack(triangles), np.vstack(edges)

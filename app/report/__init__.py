@@ -1,0 +1,1 @@
+"""The HTML pages with their SVG, templates and viewer. Never the terminal."""

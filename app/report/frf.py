@@ -1,0 +1,236 @@
+"""Frequency responses in the report: a grid of Bode plots as SVG, and what its cursor reads."""
+
+import dataclasses
+import itertools
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.report.viewer_data import script_json
+from headstock.app.texts.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit, round_ticks
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.views import COLORS
+
+PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720
+LEFT, RIGHT, TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT, FOOT = 46, 24, 22, 130, 10, 44, 24
+CURVE, DIRECT = "#4f7cac", "#b5566e"
+DIGITS = 4
+LEAST_PLAIN, MOST_PLAIN = 0.001, 10_000.0  # decades outside are written as powers
+LEGEND_STEP = 16.0
+LINE = '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
+TEXT = '<text x="{}" y="{}" font-size="10.5" text-anchor="{}" fill="currentColor" opacity="0.75">{}</text>'
+BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
+PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin="round"/>'
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """One entry and where it is drawn: its upper left corner, its width, and its range of magnitudes."""
+
+    title: str
+    unit: str
+    color: str
+    size: FloatArray
+    phase: FloatArray
+    error: FloatArray
+    corner: tuple[float, float]
+    width: float
+    low: float
+    high: float
+
+    def size_level(self, value: FloatArray) -> FloatArray:
+        """Height ``y`` of magnitudes, zero and less at the foot."""
+        share = np.log(np.maximum(value, self.low) / self.low) / math.log(self.high / self.low)
+        return self.corner[1] + TITLE + SIZE_HEIGHT * (1.0 - share)
+
+    def phase_level(self, value: FloatArray) -> FloatArray:
+        """Height ``y`` of phases in degrees."""
+        return self.corner[1] + TITLE + SIZE_HEIGHT + GAP + PHASE_HEIGHT * (180.0 - value) / 360.0
+
+
+def draw_response(curves: ResponseCurves, identity: str) -> Markup:
+    """The Bode plots of a pose as one SVG, with the numbers behind it for the cursor."""
+    cells, columns = _lay_out(curves)
+    width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
+    parts = [_draw_cell(curves, cell) for cell in cells]
+    marks = [Markup('<g class="cursor" visibility="hidden"></g>')]
+    picture = Markup(
+        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
+    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join([*parts, *marks]))
+    script = Markup('<script type="application/json" class="response-data" data-for="{}">{}</script>')
+    return picture + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
+
+
+def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
+    """The Bode plots of several poses over each other, a colour for each."""
+    layouts = [_lay_out(curves)[0] for curves in responses]
+    columns = _lay_out(responses[0])[1]
+    widest = dataclasses.replace(
+        responses[0],
+        frequencies_hz=np.array([min(c.frequencies_hz[0] for c in responses), max(c.frequencies_hz[-1] for c in responses)]),
+    )
+    parts = []
+    for place, frame in enumerate(layouts[0]):
+        same = [layout[place] for layout in layouts]
+        low, high = min(cell.low for cell in same), max(cell.high for cell in same)
+        parts.append(_draw_frame(widest, dataclasses.replace(frame, low=low, high=high)))
+        for curves, cell, color in zip(responses, same, itertools.cycle(COLORS), strict=False):
+            own = dataclasses.replace(cell, low=low, high=high, color=color)
+            parts.append(_draw_curves(own, _places(widest, own, curves.frequencies_hz)))
+    width, height = columns * layouts[0][0].width, _cell_height() * (len(layouts[0]) // columns)
+    for number, (curves, color) in enumerate(zip(responses, itertools.cycle(COLORS), strict=False)):
+        y = height + LEGEND_STEP * number + 12.0
+        parts.append(Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(LEFT, y - 5.0, color))
+        parts.append(_text(LEFT + 24, y, "start", f"pose {curves.pose}"))
+    height += LEGEND_STEP * len(responses) + 6.0
+    return Markup(
+        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
+    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join(parts))
+
+
+def has_more_fields(curves: ResponseCurves) -> bool:
+    """Whether some entries are not drawn."""
+    return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
+
+
+def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
+    outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
+    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
+    values, cells = curves.values, []
+    errors = np.full(values.shape, np.nan) if curves.value_errors is None else curves.value_errors
+    for row, output in enumerate(outputs):
+        for column, given in enumerate(inputs):
+            unit, factor = response_unit(curves.motion, output, given)
+            size = np.asarray(factor * np.abs(values[:, row, column]), dtype=float)
+            low, high = magnitude_range(size)
+            color = DIRECT if output == given else CURVE
+            corner = (column * width, row * _cell_height())
+            phase = broken_phase(values[:, row, column])
+            error = np.asarray(factor * errors[:, row, column], dtype=float)
+            cells.append(_Cell(name_entry(output, given), unit, color, size, phase, error, corner, width, low, high))
+    return cells, len(inputs)
+
+
+def _cell_height() -> float:
+    return TITLE + SIZE_HEIGHT + GAP + PHASE_HEIGHT + FOOT
+
+
+def _places(curves: ResponseCurves, cell: _Cell, frequencies: FloatArray) -> FloatArray:
+    """Where frequencies stand on a cell's axis."""
+    f = np.log(frequencies) if curves.spacing == "log" else frequencies
+    ends = curves.frequencies_hz[[0, -1]]
+    low, high = np.log(ends) if curves.spacing == "log" else ends
+    return np.asarray(cell.corner[0] + LEFT + (cell.width - LEFT - RIGHT) * (f - low) / (high - low))
+
+
+def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
+    along = _places(curves, cell, curves.frequencies_hz)
+    return _draw_frame(curves, cell) + _draw_band(cell, along) + _draw_curves(cell, along)
+
+
+def _draw_curves(cell: _Cell, along: FloatArray) -> Markup:
+    size = Markup(PATH).format(_path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color)
+    return size + Markup(PATH).format(_path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color)
+
+
+def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
+    left, top = cell.corner[0] + LEFT, cell.corner[1] + TITLE
+    right, middle = cell.corner[0] + cell.width - RIGHT, top + SIZE_HEIGHT
+    low = middle + GAP + PHASE_HEIGHT
+    heading = Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>')
+    parts = [heading.format(left, top - 8, f"{cell.title}  [{cell.unit}]")]
+    for value in round_ticks(cell.low, cell.high):
+        y = float(cell.size_level(np.array(value)))
+        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", _name_tick(value))]
+    for angle, label in ((180.0, "180°"), (0.0, "0°"), (-180.0, "−180°")):
+        y = float(cell.phase_level(np.array(angle)))
+        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", label)]
+    ticks = _ticks(curves)
+    for frequency in ticks:
+        x = float(_places(curves, cell, np.array(frequency)))
+        parts += [Markup(LINE).format(f"{x:.1f}", f"{top:.1f}", f"{x:.1f}", f"{low:.1f}", 0.13)]
+        parts.append(_text(x, low + 13, "middle", f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"))
+    return Markup("").join(parts)
+
+
+def _draw_band(cell: _Cell, along: FloatArray) -> Markup:
+    """Where the magnitude may lie by its error, as far as there is a bound."""
+    known = np.isfinite(cell.error) & np.isfinite(cell.size)
+    if np.count_nonzero(known) < 2:
+        return Markup("")
+    x, size, error = along[known], cell.size[known], cell.error[known]
+    upper = cell.size_level(np.minimum(size + error, cell.high))
+    lower = cell.size_level(size - error)
+    outline = np.concatenate([upper, lower[::-1]])
+    path = _path(np.concatenate([x, x[::-1]]), outline, np.ones(len(outline), dtype=bool))
+    return Markup(BAND).format(path, cell.color)
+
+
+def _line(left: float, y: float, right: float, opacity: float) -> Markup:
+    return Markup(LINE).format(f"{left:.1f}", f"{y:.1f}", f"{right:.1f}", f"{y:.1f}", opacity)
+
+
+def _text(x: float, y: float, anchor: str, text: str) -> Markup:
+    return Markup(TEXT).format(f"{x:.1f}", f"{y:.1f}", anchor, text)
+
+
+def _path(x: FloatArray, y: FloatArray, known: np.ndarray) -> str:  # type: ignore[type-arg]
+    """Path through the known points, broken at the others."""
+    words, down = [], False
+    for place, level, good in zip(x, y, known, strict=True):
+        if good:
+            words.append(f"{'L' if down else 'M'}{place:.1f} {level:.1f}")
+        down = bool(good)
+    return "".join(words)
+
+
+def _name_tick(value: float) -> str:
+    power = round(math.log10(value))
+    if math.isclose(value, 10.0**power, rel_tol=1e-9) and not LEAST_PLAIN <= value <= MOST_PLAIN:
+        return f"10{_raised(power)}"
+    return f"{value:g}"
+
+
+def _ticks(curves: ResponseCurves) -> list[float]:
+    """Round frequencies: of a logarithmic axis, else five or so steps of 1, 2 or 5."""
+    low, high = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
+    if curves.spacing == "log":
+        return round_ticks(low, high)
+    rough = (high - low) / 5.0
+    unit = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
+    return [step * number for number in range(math.ceil(low / step), math.floor(high / step * (1 + 1e-9)) + 1)]
+
+
+def _raised(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _cursor_data(curves: ResponseCurves, cells: list[_Cell]) -> dict[str, object]:
+    """Rounded curves, and the boxes in which they are drawn."""
+    return {
+        "hz": _rounded(curves.frequencies_hz),
+        "log": curves.spacing == "log",
+        "heights": [TITLE, SIZE_HEIGHT, GAP, PHASE_HEIGHT],
+        "cells": [
+            {
+                "box": [cell.corner[0], cell.corner[1], cell.width],
+                "axis": [cell.corner[0] + LEFT, cell.corner[0] + cell.width - RIGHT],
+                "range": [cell.low, cell.high],
+                "unit": cell.unit,
+                "color": cell.color,
+                "size": _rounded(cell.size),
+                "phase": _rounded(cell.phase),
+            }
+            for cell in cells
+        ],
+    }
+
+
+def _rounded(values: FloatArray) -> list[float | None]:
+    return [json.loads(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values]

@@ -1,0 +1,99 @@
+"""What each number of a report is worth, in plain words."""
+
+from dataclasses import dataclass
+
+from headstock.app.texts.error_texts import accuracy_words
+from headstock.pipeline.storage.json_texts import Json
+
+
+@dataclass(frozen=True)
+class Note:
+    """A judgement: about what, and what is to be said."""
+
+    subject: str
+    text: str
+
+
+def judge_numbers(summary: Json) -> list[Note]:
+    """Notes on the results that a summary holds, and only on those."""
+    fidelities = {facts["fidelity"] for facts in summary["components"].values()}
+    notes = []
+    if "accuracy" in summary:
+        notes.append(Note("Accuracy", ". ".join(accuracy_words(summary["accuracy"])) + "."))
+    if summary["static"]:
+        notes.append(_judge_compliance(summary))
+    if summary["modal"]:
+        notes += [_judge_frequencies(summary), _judge_names()]
+    if summary.get("frf"):
+        notes.append(_judge_response(summary))
+    if summary["static"]:
+        notes.append(
+            Note(
+                "Budget",
+                "Shares of the strain energy under a force in that direction at the point; they add up to the whole. A part with a"
+                " large share is the weak link: stiffening it pays most.",
+            )
+        )
+    if "rigid" in fidelities:
+        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "rigid")
+        notes.append(
+            Note("Rigid components", f"{names}: taken as infinitely stiff. The real machine is softer by what they deform.")
+        )
+    if "segmented" in fidelities:
+        names = ", ".join(name for name, facts in summary["components"].items() if facts["fidelity"] == "segmented")
+        notes.append(
+            Note(
+                "Segmented components",
+                f"{names}: beams on plane sections. Bars that are short or wide for their length are stiffer in torsion than that,"
+                " and softer where a joint holds only a part of their section: compare with fidelity elastic.",
+            )
+        )
+    notes.append(Note("Joint stiffness", "Taken from the scene as written: no result is better than these values."))
+    return notes
+
+
+def _judge_compliance(summary: Json) -> Note:
+    text = (
+        "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
+    )
+    if any(error is not None for point in summary["static"].values() for error in point.get("error_um_per_kN", {}).values()):
+        text += "Meshes make it too small: what stands behind ± covers the error in 95 % of cases. It comes from comparing stresses with smoothed ones."
+    elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
+        text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare."
+    return Note("Compliance", text.strip())
+
+
+def _judge_frequencies(summary: Json) -> Note:
+    if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
+        return Note(
+            "Natural frequencies",
+            "The column “± Hz” covers the error of each frequency in 95 % of cases, all sources together that are named below its table."
+            " The modes that a reduction leaves out and meshes make frequencies too high, not too low. Damping is not part of these modes.",
+        )
+    return Note(
+        "Natural frequencies",
+        "Their error was not estimated in this run. Mesh and reduction as a rule make them come out too high: run again"
+        " with a smaller mesh size and a higher modes_to and see by how much they fall. Damping is not part of these modes.",
+    )
+
+
+def _judge_response(summary: Json) -> Note:
+    text = (
+        "All modes of the reduced machine are summed, so the curve meets the static compliance at 0 Hz. Peaks are as high as the damping"
+        " is low: the scene's damping decides them, and it is seldom known to better than a factor of two. "
+    )
+    if any(not response["damped"] for response in summary["frf"].values()):
+        text += "Here nothing is damped: peaks have no top. "
+    text += (
+        "Structural damping acts as a loss factor at every frequency above 0 Hz; where damping ratios of modes are given, a mode's loss"
+        " factor counts as twice its damping ratio."
+    )
+    return Note("Frequency response", text)
+
+
+def _judge_names() -> Note:
+    return Note(
+        "Names of modes",
+        "X, Y, Z are translations and A, B, C rotations about the machine axes; a component is said to bend or twist when it holds"
+        " a good part of the strain energy.",
+    )

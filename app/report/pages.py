@@ -1,0 +1,101 @@
+"""A sweep as one HTML page that works offline: maps of every quantity; a click on a pose shows its modes and compliance."""
+
+import base64
+from collections.abc import Mapping
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.report.report import STYLE, read_asset, report_environment
+from headstock.app.report.viewer_data import script_json
+from headstock.app.terminal.sweep import sampled_error_words
+from headstock.app.texts.sweep_quantities import list_quantities
+from headstock.geometry.machine.machine import SCENE_UNITS
+from headstock.pipeline.storage.json_texts import Json
+
+TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
+DIGITS = 6
+
+
+def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | None = None) -> str:
+    """The page as HTML text that refers to nothing outside itself.
+
+    Args:
+        summary: As ``summarise_sweep`` gives it.
+        figures: Name to PNG, for browsers without scripts and for paper.
+        origin: Where it comes from, as ``Provenance.summarise`` gives it.
+    """
+    quantities = [quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()]
+    ranges = [(float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values))) for quantity in quantities]
+    return (
+        report_environment()
+        .get_template(TEMPLATE)
+        .render(
+            s=summary,
+            error_notes=sampled_error_words(summary),
+            errors=_list_errors(summary),
+            origin=origin,
+            quantities=list(zip(quantities, ranges, strict=True)),
+            figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
+            failed=sum(state == "failed" for state in summary["states"]),
+            unreachable=sum(state == "unreachable" for state in summary["states"]),
+            data=Markup(script_json(_page_data(summary))),
+            style=Markup(read_asset(STYLE)),
+            script=Markup(read_asset(SCRIPT)),
+        )
+    )
+
+
+def _list_errors(summary: Json) -> dict[str, float]:
+    """Name of a quantity to its largest known error."""
+    found: dict[str, float] = {}
+    for sample in summary["sampled_errors"]:
+        sizes = {f"mode_{mode}": size for mode, size in sample["error_hz"].items()}
+        for name, errors in sample["error_um_per_kN"].items():
+            sizes |= {f"compliance_{name}_{direction}": size for direction, size in errors.items()}
+        found |= {name: size for name, size in sizes.items() if size is not None}
+    return found
+
+
+def _page_data(summary: Json) -> Json:
+    """What the script needs, numbers to six digits."""
+    factors = [SCENE_UNITS[unit] for unit in summary["units"]]
+    scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
+    return {
+        "kind": summary["kind"],
+        "axes": summary["axes"],
+        "units": [word for _, word in factors],
+        "shape": summary["shape"],
+        "labels": summary["labels"],
+        "positions": _round(scaled.tolist()),
+        "states": summary["states"],
+        "errors": summary["errors"],
+        "modes": summary["mode_names"],
+        "frequencies": _round(summary["frequencies_hz"]),
+        "quantities": [
+            {
+                "name": q.name,
+                "title": q.title,
+                "unit": q.unit,
+                "values": _round([None if np.isnan(v) else float(v) for v in q.values]),
+            }
+            for q in list_quantities(summary)
+            if np.isfinite(q.values).any()
+        ],
+        "points": {
+            name: {
+                "matrix": _round(point["compliance_um_per_kN"]),
+                "direction": _round(point["direction"]),
+                "largest": _round(point["largest_um_per_kN"]),
+                "weakest": point["weakest"],
+                "share": _round(point["weakest_share"]),
+            }
+            for name, point in summary["static"].items()
+        },
+    }
+
+
+def _round(value: object) -> object:
+    if isinstance(value, list):
+        return [_round(item) for item in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value

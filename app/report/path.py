@@ -1,0 +1,175 @@
+"""The path in the report: the line as travelled, its deviation magnified, and the deviation over time with the ramps shaded."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from headstock.app.texts.path_tables import thin_curve
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.path import PathCurves, deviation_unit
+from headstock.solvers.system_ports import name_port
+
+WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26
+LINE_HEIGHT, PANEL_HEIGHT, GAP = 150, 150, 44
+SHARES = (0.4, 0.3, 0.3)  # of the width: the whole move, and a closer look at both ramps
+FEED_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
+TOTAL, FOLLOWS, RINGS = "#2f6db3", "#d08a4a", "#8c9bab"
+UNITS = {"um": "µm", "urad": "µrad"}
+BEFORE, AFTER = 0.1, 2.4  # how far a closer look reaches before and after a ramp, in its durations
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """A field with axes: its left upper corner, its size, and what it shows from where to where."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    across: tuple[float, float]
+    up: tuple[float, float]
+
+    def place(self, values: FloatArray) -> FloatArray:
+        """Where values stand from left to right."""
+        low, high = self.across
+        return np.asarray(self.x + self.width * (np.asarray(values) - low) / (high - low))
+
+    def level(self, values: FloatArray) -> FloatArray:
+        """Where values stand from top to bottom."""
+        low, high = self.up
+        return np.asarray(self.y + self.height * (high - np.asarray(values)) / (high - low))
+
+
+def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Markup:
+    """Everything of one output as one SVG: the path, then a row of three plots over time for each feed."""
+    port = curves[0].outputs[output]
+    parts = [_draw_line(curves, output)]
+    top = TITLE + LINE_HEIGHT + GAP
+    for run in curves:
+        parts.append(_draw_run(run, output, top))
+        top += TITLE + PANEL_HEIGHT + FOOT
+    title = f"Deviation of {name_port(port)} from the path"
+    return Markup('<svg id="{}" class="sticks" viewBox="0 0 {} {}" role="img" aria-label="{}">{}</svg>').format(
+        identity, WIDTH, top, title, Markup("").join(parts)
+    )
+
+
+def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
+    """The path as travelled: deviation over the place along it, one line per feed."""
+    unit, factor = deviation_unit(curves[0].outputs[output])
+    values = [factor * run.deviation.total[:, output] for run in curves]
+    length = 1e3 * float(curves[0].positions[-1])
+    panel = _Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), _range(values))
+    steepness = (panel.height / (panel.up[1] - panel.up[0])) / (panel.width / length) * 1e3
+    parts = [
+        _heading(
+            panel, f"The line as travelled, deviation of {name_port(curves[0].outputs[output])} magnified {_round(steepness)} times"
+        )
+    ]
+    fastest = max(curves, key=lambda run: run.feed)
+    for begin, end in fastest.zones:
+        places = 1e3 * np.interp([begin, end], fastest.deviation.times, fastest.positions)
+        parts.append(_shade(panel, float(places[0]), float(places[1])))
+    parts.append(_axes(panel, "mm", UNITS[unit]))
+    for number, (run, value) in enumerate(zip(curves, values, strict=True)):
+        color = FEED_COLORS[number % len(FEED_COLORS)]
+        parts.append(_curve(panel, 1e3 * run.positions, value, color, 1.3))
+        parts.append(_text(WIDTH - RIGHT - 120 * (len(curves) - number - 1), TITLE - 10, run.name, "end", color))
+    return Markup("").join(parts)
+
+
+def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
+    unit, factor = deviation_unit(run.outputs[output])
+    found = run.deviation
+    total, follows = factor * found.total[:, output], factor * (found.quasi_static + found.sway)[:, output]
+    rings = factor * found.dynamic[:, output]
+    last = float(found.times[-1])
+    spans = [(0.0, last)]
+    for begin, end in run.zones:
+        ramp = end - begin
+        spans.append((max(0.0, begin - BEFORE * ramp), min(last, end + AFTER * ramp)))
+    room = WIDTH - LEFT - RIGHT - 2 * LEFT
+    left, parts = float(LEFT), []
+    for number, (span, share) in enumerate(zip(spans, SHARES, strict=True)):
+        panel = _Panel(left, top + TITLE, share * room, PANEL_HEIGHT, span, _range([total, follows, rings]))
+        parts.append(_heading(panel, (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number]))
+        parts += [_shade(panel, begin, end) for begin, end in run.zones if begin < span[1] and end > span[0]]
+        parts.append(_axes(panel, "s", ""))
+        if number:
+            parts.append(_curve(panel, found.times, rings, RINGS, 1.0))
+        parts += [_curve(panel, found.times, follows, FOLLOWS, 1.6), _curve(panel, found.times, total, TOTAL, 1.3)]
+        left += panel.width + LEFT
+    words = (("deviation", TOTAL), ("quasi-static, with sway", FOLLOWS), ("ringing", RINGS))
+    for place, (word, color) in zip((0, 70, 210), words, strict=True):
+        parts.append(_text(LEFT + 150 + place, top + TITLE - 10, word, "start", color))
+    return Markup("").join(parts)
+
+
+def _range(values: Sequence[FloatArray]) -> tuple[float, float]:
+    low, high = min(0.0, *(float(part.min()) for part in values)), max(0.0, *(float(part.max()) for part in values))
+    room = 0.06 * ((high - low) or 1.0)
+    return low - room, high + room
+
+
+def _curve(panel: _Panel, x: FloatArray, y: FloatArray, color: str, width: float) -> Markup:
+    inside = (x >= panel.across[0]) & (x <= panel.across[1])
+    thin = thin_curve(np.asarray(x[inside]), np.asarray(y[inside]), int(panel.width))
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(panel.place(thin[0]), panel.level(thin[1]), strict=True))
+    return Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>').format(
+        points, color, width
+    )
+
+
+def _shade(panel: _Panel, begin: float, end: float) -> Markup:
+    low, high = panel.place(np.clip([begin, end], *panel.across))
+    return Markup('<rect x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{}" fill="currentColor" opacity="0.09"/>').format(
+        low, panel.y, max(high - low, 1.0), panel.height
+    )
+
+
+def _axes(panel: _Panel, unit: str, side: str) -> Markup:
+    parts = []
+    for value in _ticks(*panel.up, 4):
+        y = float(panel.level(np.array(value)))
+        parts.append(_line(panel.x, y, panel.x + panel.width, y, 0.45 if value == 0.0 else 0.13))
+        parts.append(_text(panel.x - 5, y + 3.5, _round(value), "end"))
+    ticks = _ticks(*panel.across, 6)
+    for value in ticks:
+        x = float(panel.place(np.array(value)))
+        parts.append(_text(x, panel.y + panel.height + 14, _round(value) + (f" {unit}" if value == ticks[-1] else ""), "middle"))
+    if side:
+        parts.append(_text(panel.x - 5, panel.y - 4, side, "end"))
+    return Markup("").join(parts)
+
+
+def _ticks(low: float, high: float, count: int) -> list[float]:
+    """Round numbers between two others."""
+    rough = (high - low) / count
+    unit = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
+    return [step * number for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
+def _round(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+
+
+def _heading(panel: _Panel, words: str) -> Markup:
+    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>').format(
+        panel.x, panel.y - 10, words
+    )
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, opacity: float) -> Markup:
+    return Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" stroke="currentColor" opacity="{}"/>').format(
+        x1, y1, x2, y2, opacity
+    )
+
+
+def _text(x: float, y: float, words: str, anchor: str, color: str = "currentColor") -> Markup:
+    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="10.5" text-anchor="{}" fill="{}">{}</text>').format(
+        x, y, anchor, color, words.replace("-", "−") if words[:1] == "-" else words
+    )

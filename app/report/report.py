@@ -1,0 +1,284 @@
+"""The report: one HTML file that works offline, made from a summary and from what there is to draw."""
+
+import base64
+import functools
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from headstock.app.report.contour import draw_contour
+from headstock.app.report.figures import draw_budget, draw_frequencies, draw_stack, percent
+from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
+from headstock.app.report.map import draw_map, map_layers
+from headstock.app.report.notes import judge_numbers
+from headstock.app.report.path import draw_path
+from headstock.app.report.report_control import draw_poles
+from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
+from headstock.app.terminal.console import shared_budget
+from headstock.app.texts.error_texts import (
+    error_words,
+    largest_shares,
+    response_error_words,
+    show_bound,
+    show_bounded,
+    show_compliances,
+    show_damped,
+    show_damping_error,
+    show_size,
+)
+from headstock.app.texts.frf_tables import overlaid_responses, tabulate_response
+from headstock.app.texts.path_tables import path_stem
+from headstock.app.texts.tables import DIRECTIONS, encode_csv, list_tables, sort_shares, static_by_pose
+from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.results.files import REPORT_FILE
+from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.path import PathCurves
+from headstock.pipeline.results.views import MachineView, component_colors
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.outputs import write_output
+from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+
+TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
+CURSOR = "response_cursor.js"
+SHARES_NAMED = 3
+SMALLEST_NAMED = 0.02
+
+
+def write_report(
+    folder: Path,
+    summary: Json,
+    view: MachineView | None = None,
+    stills: Mapping[str, bytes] | None = None,
+    curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
+) -> Path:
+    """Write ``report.html`` into a folder of results.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    path = folder / REPORT_FILE
+    write_output(path, render_report(summary, view, stills, curves, paths).encode())
+    return path
+
+
+def render_report(
+    summary: Json,
+    view: MachineView | None = None,
+    stills: Mapping[str, bytes] | None = None,
+    curves: Sequence[ResponseCurves] = (),
+    paths: Sequence[PathCurves] = (),
+) -> str:
+    """The report as HTML text that refers to nothing outside itself.
+
+    Every number from the summary stands in a ``data`` element, or an SVG text, with its unrounded value as an attribute.
+
+    Args:
+        summary: Content of ``summary.json``.
+        view: What there is to draw; without it the report has no machine view.
+        stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+        curves: Of the frequency responses.
+        paths: Of the path analysis.
+    """
+    view = view or MachineView()
+    colors = component_colors(view)
+    static = static_by_pose(summary)
+    tables = [*list_tables(summary), *map(tabulate_response, curves)]
+    machine = encode_machine(view, _captions(summary, view, static))
+    return (
+        report_environment()
+        .get_template(TEMPLATE)
+        .render(
+            s=summary,
+            static=static,
+            keys=_key_figures(summary, static),
+            machine=None if machine is None else Markup(machine.text),
+            omissions=_omissions(machine),
+            stills={pose: base64.b64encode(image).decode() for pose, image in (stills or {}).items()},
+            poses=list(view.poses),
+            colors=colors,
+            notes=judge_numbers(summary),
+            downloads={table.name: base64.b64encode(encode_csv(table)).decode() for table in tables},
+            paths=list(paths),
+            path_stems=[path_stem(run) for run in paths],
+            responses={response.pose: response for response in curves},
+            style=Markup(read_asset(STYLE)),
+            script=Markup(read_asset(SCRIPT)),
+            cursor=Markup(read_asset(CURSOR)),
+        )
+    )
+
+
+def show_number(value: float | None, digits: int = 4, missing: str = "–") -> Markup:
+    """A number to so many significant digits, with its full value beside it for machines."""
+    if value is None:
+        return Markup('<span class="missing">{}</span>').format(missing)
+    return _data(value, format_number(value, digits))
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """A number for readers: thousands apart, a true minus, tiny and huge ones with a power of ten."""
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if value == 0.0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        mantissa, _, exponent = f"{value:.{digits - 2}e}".partition("e")
+        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
+    whole = len(str(int(abs(value)))) if abs(value) >= 1.0 else 0
+    return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def _bounded(value: float, error: float | None) -> Markup:
+    """A value to the decimal at which its error ends."""
+    return _data(value, _typeset(show_bounded(value, error)))
+
+
+def _bound(error: float | None, value: float | None) -> Markup:
+    """An error beside its value; its number is rounded up, which its class says."""
+    return _beside(error, show_bound(value, error))
+
+
+def _beside(error: float | None, text: str) -> Markup:
+    """What stands behind a value, as written; nothing where there is nothing to say."""
+    if error is None or not text:
+        return Markup('<span class="missing">{}</span>').format(text)
+    return Markup('± <data class="bound" value="{}">{}</data>').format(repr(error), _typeset(text.removeprefix("± ")))
+
+
+def _moved(point: Json, row: int, column: int) -> Markup:
+    """An entry of the compliance matrix of a point, rounded with its errors."""
+    matrix = point["compliance_um_per_kN"]
+    value, text = matrix[row][column], show_compliances(matrix, column, point["error_um_per_kN"])[row]
+    return Markup('<span class="missing">{}</span>').format(text) if value is None else _data(value, _typeset(text))
+
+
+def _typeset(text: str) -> str:
+    """A plain number as readers know it: thousands apart, a true minus, a power of ten."""
+    mantissa, exponent, power = text.partition("e")
+    whole, point, decimals = mantissa.partition(".")
+    whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", "\u202f", whole)
+    return f"{whole}{point}{decimals}{f'·10{_raised(int(power))}' if exponent else ''}".replace("-", "−")
+
+
+def _data(value: float, text: str) -> Markup:
+    return Markup('<data value="{}">{}</data>').format(repr(value), text)
+
+
+def _raised(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _top_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
+    return [item for item in sort_shares(shares)[:SHARES_NAMED] if item[1] >= SMALLEST_NAMED]
+
+
+def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
+    """What a reader wants first: compliance of the first point in the first pose, and the first mode in which something deforms."""
+    found: Json = {"compliance": None, "sentence": "", "first": None, "pose": None, "point": None}
+    for pose, points in static.items():
+        for name, point in points.items():
+            found |= {"pose": pose, "point": name, "compliance": point["compliance_um_per_kN"], "sentence": point["sentence"]}
+            break
+        break
+    for modes in summary["modal"][:1]:
+        named = list(zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
+        found["first"] = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
+    return found
+
+
+def _omissions(machine: EncodedMachine | None) -> list[str]:
+    """What the machine view leaves out so that the page stays small enough to mail."""
+    found = []
+    if machine is not None and machine.left_out:
+        found.append(
+            "To keep this page small only the first shapes of each pose move in it; modes/ beside it holds every mode, for"
+            " ParaView (.vtu) and for 3D viewers (.glb)."
+        )
+    if machine is not None and machine.thinned:
+        names = ", ".join(
+            f"{name} with {format_number(drawn)} of {format_number(whole)} faces"
+            for name, (drawn, whole) in machine.thinned.items()
+        )
+        found.append(f"Thinned out for drawing, not for computing: {names}.")
+    return found
+
+
+def _captions(summary: Json, view: MachineView, static: Mapping[str, Json]) -> dict[str, list[Caption]]:
+    """Forces first, then modes in which something deforms, last those in which the machine moves as a whole."""
+    captions: dict[str, list[Caption]] = {name: [] for name in view.poses}
+    for name, pose in view.poses.items():
+        for push in pose.pushes:
+            point, _, direction = push.rpartition(" ")
+            shares = static.get(name, {}).get(point, {}).get("budget", {}).get(direction, {})
+            text = f"1 kN at {point}, static"
+            captions[name].append(Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares))
+    for modes in summary["modal"]:
+        found = []
+        for index, (hz, name) in enumerate(zip(modes["frequencies_hz"], modes["mode_names"], strict=True)):
+            free = index < modes["rigid_count"]
+            kind: Kind = "whole" if free or WHOLE_MACHINE in name else "mode"
+            lead = "0 Hz" if free else f"{format_number(hz)} Hz"
+            found.append(Caption(f"mode:{index}", lead, name, kind, 0.0 if free else hz, modes["energy_share"][index]))
+        captions.setdefault(modes["pose_name"], []).extend(sorted(found, key=lambda caption: caption.kind == "whole"))
+    return captions
+
+
+@functools.cache
+def report_environment() -> jinja2.Environment:
+    """Templates with the filters that show numbers."""
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read_asset),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    filters: dict[str, Any] = {
+        "number": show_number,
+        "bound": _bound,
+        "bounded": _bounded,
+        "damping": lambda modes, index: _data(modes["damping_ratio"][index], _typeset(show_damping_error(modes, index)[0])),
+        "damped": lambda modes, index: _data(
+            modes["damped_hz"][index], _typeset(show_damped(modes, index)[0]) if modes["damped_hz"][index] else "overdamped"
+        ),
+        "damping_bound": lambda modes, index: _beside(modes["damping_error"][index], show_damping_error(modes, index)[1]),
+        "damped_bound": lambda modes, index: _beside(modes["damped_error_hz"][index], show_damped(modes, index)[1]),
+        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
+        "error_words": error_words,
+        "largest_shares": largest_shares,
+        "response_error_words": response_error_words,
+        "moved": _moved,
+        "shared_budget": shared_budget,
+        "share": lambda share: _data(share, percent(share)),
+        "top": _top_shares,
+        "stem": file_stem,
+        "position": lambda position, unit: _data(position, show_position(position, unit).replace("-", "−")),
+        "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),
+        "longest": lambda budget: max((share for shares in budget.values() for share in shares.values()), default=1.0) or 1.0,
+    }
+    environment.filters |= filters
+    drawing: dict[str, Any] = {"draw_budget": draw_budget, "draw_stack": draw_stack, "draw_frequencies": draw_frequencies}
+    drawing |= {"draw_response": draw_response, "has_more_fields": has_more_fields}
+    drawing |= {"draw_overlay": draw_overlay, "overlaid_responses": overlaid_responses}
+    drawing |= {
+        "draw_map": draw_map,
+        "map_layers": map_layers,
+        "draw_contour": draw_contour,
+        "draw_poles": draw_poles,
+        "draw_path": draw_path,
+    }
+    environment.globals |= {**drawing, "directions": DIRECTIONS}
+    return environment
+
+
+@functools.cache
+def read_asset(name: str) -> str:
+    """Text of a file beside this module."""
+    return resources.files("headstock.app.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The screen: console, progress, exit codes, one listing per kind of study. Never files."""

@@ -1,0 +1,278 @@
+"""Variants side by side as the terminal shows them, and as CSV."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from headstock.app.terminal.console import make_console, make_table, print_table, spaced
+from headstock.app.texts.error_texts import (
+    bound_size,
+    error_words,
+    largest_shares,
+    show_bound,
+    show_bounded,
+    show_digits,
+    show_size,
+)
+from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.storage.json_texts import Json
+from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+
+DIRECTIONS = ("x", "y", "z")
+MISSING = "–"
+ALIKE = 0.9
+NAME_WIDTH = 40  # of the first column where there is no terminal
+STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
+
+
+def print_variant(name: str, runs: Json) -> None:
+    """One line when a variant is solved: what it cost."""
+    parts = []
+    for run, effort in runs.items():
+        steps = ", ".join(f"{STEP_NAMES[step]} {effort['seconds'][step]:.2f}" for step in STEP_NAMES)
+        stored = f", {describe_store(effort)}" if effort["elastic_components"] else ""
+        parts.append(f"  {name if run == 'first' else run:<16} {effort['seconds']['total']:6.2f} s  {steps}{stored}")
+    make_console().print("\n".join(parts), markup=False, soft_wrap=True)
+
+
+def describe_store(effort: Json) -> str:
+    """Where the elastic components came from."""
+    if not effort["elastic_components"]:
+        return "nothing meshed"
+    if not effort["from_store"]:
+        return "cold"
+    every = effort["from_store"] == effort["elastic_components"]
+    return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
+
+
+def print_comparison(summary: Json) -> None:
+    """The table a designer decides from: modes, compliances, weak links, and what each variant costs."""
+    variants = summary["variants"]
+    console = make_console()
+    console.print()
+    table = make_table("", *(f">{name}" for name in variants))
+    table.columns[0].min_width = NAME_WIDTH if not console.is_terminal else None
+    if summary["modes"]:
+        _add_heads(table, "Natural frequencies [Hz]", [_describe_fidelity(variant) for variant in variants.values()])
+        alike = alike_rigid_modes(summary)
+        if alike:
+            spans = [[row["variants"][name]["frequency_hz"] for row in alike] for name in variants]
+            _add_cells(table, f"{len(alike)} rigid-body modes, alike", [f"{min(span):.4g} .. {max(span):.4g}" for span in spans])
+        for row in (row for row in summary["modes"] if row not in alike):
+            origin = "" if row["origin"] == summary["reference"] else f" (first in {row['origin']})"
+            cells = [_mode_cell(row["variants"][name], variant) for name, variant in variants.items()]
+            _add_cells(table, f"{row['name']}{origin}", cells)
+        table.add_section()
+        _add_cells(table, "largest deviation", [_largest_deviation(summary, name) for name in variants])
+        _add_cells(table, "modes it misses, adds", [_missed_and_added(summary, name) for name in variants])
+    for point in _points(summary):
+        _add_point(table, summary, point)
+    table.add_section()
+    _add_cells(table, "dofs of the components", [spaced(variant["full_dofs"]) for variant in variants.values()])
+    _add_cells(table, "dofs solved for", [spaced(variant["coupled_dofs"]) for variant in variants.values()])
+    efforts = [variant["effort"] for variant in variants.values()]
+    _add_cells(table, "seconds from scene to modes", [f"{e['seconds']['total']:.2f}\n{describe_store(e)}" for e in efforts])
+    print_table(console, f"{summary['scene']}: variants in pose {summary['pose']}, held against {summary['reference']}", table)
+    _print_notes(console, summary)
+
+
+def states_errors(shares: Iterable[Mapping[str, float | None]]) -> bool:
+    """Whether a mesh error is in any of a variant's errors: without, as of rigid and segmented parts, ± would hide what they leave out."""
+    return any(DISCRETISATION in share for share in shares)
+
+
+def variant_error_words(summary: Json) -> list[str]:
+    """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
+    owners: dict[str, list[str]] = {}
+    for name, variant in summary["variants"].items():
+        found = largest_shares(variant) if states_errors(variant["error_share"]) else {}
+        sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
+        words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
+        owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
+    return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
+
+
+def alike_rigid_modes(summary: Json) -> list[Json]:
+    """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
+    rows = [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and None not in row["variants"].values()]
+    return [row for row in rows if all(cell["mac"] is None or cell["mac"] >= ALIKE for cell in row["variants"].values())]
+
+
+def _print_notes(console: Console, summary: Json) -> None:
+    imports = sum(variant["effort"]["import_seconds"] for variant in summary["variants"].values())
+    apart = f"; loading the finite element library ({imports:.2f} s) is not counted" if imports else ""
+    text = (
+        f"Modes are paired by shape: MAC at places that stand for the mass of each body, {summary['same_from']:g} and more is the same "
+        f"mode, {MISSING} means that the variant has none; deviations are from the first variant of a row{apart}."
+    )
+    console.print(text, markup=False)
+    for words in variant_error_words(summary):
+        console.print(words, markup=False)
+    for name, variant in summary["variants"].items():
+        for failure in variant["failures"]:
+            console.print(f"failed: {name}: {failure}", style="bold red", markup=False)
+
+
+def print_effort(summary: Json) -> None:
+    """What the first model and a changed one cost, where that was measured from an empty store."""
+    if "effort" not in summary:
+        return
+    change = summary["effort"]["change"]
+    runs = ["first", "changed"] if change else ["first"]
+    console = make_console()
+    table = make_table("variant", *(f">{run} model, s" for run in runs), *(f">{run}, CPU s" for run in runs), "of it")
+    for name, efforts in summary["effort"]["variants"].items():
+        steps = ", ".join(f"{STEP_NAMES[step]} {efforts[runs[-1]]['seconds'][step]:.3f}" for step in STEP_NAMES)
+        walls = [f"{efforts[run]['seconds']['total']:.3f}" for run in runs]
+        used = [f"{efforts[run]['cpu_seconds']['total']:.3f}" for run in runs]
+        table.add_row(*(Text(cell) for cell in (name, *walls, *used, steps)))
+    changed = f", then with {', '.join(change)} from the same store" if change else ""
+    print_table(console, f"Effort from scene to modes, from an empty store{changed}", table)
+
+
+def comparison_csv(summary: Json) -> dict[str, bytes]:
+    """File stem to CSV: modes, compliances and variants, unrounded."""
+    names = list(summary["variants"])
+    labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
+    modes = PlainTable(
+        "modes",
+        ("mode", "origin", *(label.format(name) for name in names for label in labels)),
+        tuple(
+            (row["name"], row["origin"], *(item for name in names for item in _list_cell(row["variants"][name])))
+            for row in summary["modes"]
+        ),
+    )
+    compliances = PlainTable(
+        "compliances",
+        ("point", "motion in", "force in", *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))),
+        tuple(
+            (point, a, b, *(item for name in names for item in _list_entry(summary, name, point, i, j)))
+            for point in _points(summary)
+            for j, b in enumerate(DIRECTIONS)
+            for i, a in enumerate(DIRECTIONS)
+        ),
+    )
+    keys = ("full_dofs", "reduced_dofs", "coupled_dofs")
+    costs = PlainTable(
+        "variants",
+        (
+            "variant",
+            "dofs",
+            "reduced dofs",
+            "coupled dofs",
+            *(f"{step} [s]" for step in (*STEP_NAMES, "total")),
+            "CPU [s]",
+            "from store",
+        ),
+        tuple(
+            (
+                name,
+                *(variant[key] for key in keys),
+                *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
+                variant["effort"]["cpu_seconds"]["total"],
+                describe_store(variant["effort"]),
+            )
+            for name, variant in summary["variants"].items()
+        ),
+    )
+    return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
+
+
+def _list_cell(cell: Json | None) -> tuple[float | None, ...]:
+    if cell is None:
+        return (None,) * 5
+    return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
+
+
+def _list_entry(summary: Json, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
+    value = _entry(summary, name, point, row, column)
+    if value is None or row != column:
+        return value, None
+    return value, bound_size(value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]])
+
+
+def _add_heads(table: Table, title: str, cells: list[str]) -> None:
+    table.add_row(Text(title, style="bold"), *(Text(cell, style="dim") for cell in cells))
+
+
+def _add_cells(table: Table, head: str, cells: list[str]) -> None:
+    table.add_row(Text(head), *(Text(cell) for cell in cells))
+
+
+def _add_point(table: Table, summary: Json, point: str) -> None:
+    variants = summary["variants"]
+    table.add_section()
+    _add_heads(table, f"Compliance at {point} [µm/kN]", [""] * len(variants))
+    for j, direction in enumerate(DIRECTIONS):
+        cells = []
+        for name, variant in variants.items():
+            value, first = _entry(summary, name, point, j, j), _entry(summary, summary["reference"], point, j, j)
+            if value is None:
+                cells.append(MISSING)
+                continue
+            errors = variant["static"][point]["error_um_per_kN"]
+            shown = _with_error(value, errors[direction], known=states_errors(variant["static"][point]["error_share"].values()))
+            cells.append(f"{shown}{_percent(value, first)}")
+        _add_cells(table, f"d{direction}/F{direction}", cells)
+    for direction in DIRECTIONS:
+        links = [(variant["static"].get(point) or {}).get("weak_link", {}).get(direction) for variant in variants.values()]
+        if not any(links):
+            continue
+        _add_cells(
+            table,
+            f"weak link {direction}",
+            [MISSING if link is None else f"{link['name']}\n{100 * link['share']:.0f} %" for link in links],
+        )
+
+
+def _with_error(value: float, error: float | None, *, known: bool) -> str:
+    """A value and what stands behind it; four digits where no error of the variant is known."""
+    return f"{show_bounded(value, error)} {show_bound(value, error)}" if known else show_digits(value, 4)
+
+
+def _mode_cell(cell: Json | None, variant: Json) -> str:
+    if cell is None:
+        return MISSING
+    known = states_errors(variant["error_share"]) and cell["number"] > variant["rigid_count"]
+    shown = _with_error(cell["frequency_hz"], cell["error_hz"], known=known)
+    if cell["mac"] is None:
+        return shown
+    deviation = "" if cell["deviation"] is None else f"{100 * cell['deviation']:+.1f} %  "
+    return f"{shown}\n{deviation}MAC {cell['mac']:.2f}"
+
+
+def _percent(value: float, first: float | None) -> str:
+    if not first or value == first:
+        return ""
+    return f"\n{100 * (value / first - 1.0):+.1f} %"
+
+
+def _largest_deviation(summary: Json, name: str) -> str:
+    cells = [row["variants"][name] for row in summary["modes"]]
+    found = [cell["deviation"] for cell in cells if cell is not None and cell["deviation"] is not None]
+    return f"{100 * max(found, key=abs):+.1f} %" if found else MISSING
+
+
+def _missed_and_added(summary: Json, name: str) -> str:
+    if name == summary["reference"]:
+        return MISSING
+    cells = [(row["origin"] == summary["reference"], row["variants"][name] is not None) for row in summary["modes"]]
+    return f"{sum(mine and not there for mine, there in cells)}, {sum(there and not mine for mine, there in cells)}"
+
+
+def _points(summary: Json) -> list[str]:
+    return list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
+
+
+def _entry(summary: Json, name: str, point: str, row: int, column: int) -> Any:
+    found = summary["variants"][name]["static"].get(point)
+    return None if found is None else found["compliance_um_per_kN"][row][column]
+
+
+def _describe_fidelity(variant: Json) -> str:
+    kinds = list(variant["fidelity"].values())
+    return "\n".join(f"{kinds.count(kind)} {kind}" for kind in ("elastic", "superelement", "segmented", "rigid") if kind in kinds)

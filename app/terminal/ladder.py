@@ -1,0 +1,117 @@
+"""What a ladder shows: its references, how much model which accuracy takes, and the paper's claims held or not held."""
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.texts.tables import PlainTable
+from headstock.pipeline.storage.json_texts import Json
+from headstock.validation.ladder.claims import Claim
+from headstock.validation.ladder.ladder_deviations import ndof_within, pick_rungs
+from headstock.validation.ladder.points import KINDS, LadderPoint
+from headstock.validation.ladder.references import Group, LadderBeam
+
+LIMITS = (0.10, 0.05, 0.01, 0.003)
+UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
+
+
+def print_ladder(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim], own: Sequence[Claim]) -> None:
+    """References, effort and claims of a ladder."""
+    console = make_console()
+    print_table(console, f"References of the {beam.title}", _reference_table(beam))
+    _print_reasons(console, beam)
+    print_table(
+        console, "nDOF (CPU seconds) from which every quantity is so near to converged 3D elasticity", _effort_table(beam, points)
+    )
+    _print_claims(console, "What the paper says", claims)
+    _print_claims(console, "What Headstock's own models show", own)
+
+
+def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim]) -> list[PlainTable]:
+    """Every value of a ladder beside its three references, and the claims."""
+    headings = (
+        "model", "nDOF", "quantity", "unit", "value", "analytic", "deviation", "beam with shear", "deviation from it",
+        "converged 3D", "deviation from that", "seconds", "cpu seconds", "MAC",
+    )  # fmt: skip
+    rows = []
+    for point in sorted(points, key=lambda item: (item.group != "static", KINDS.index(item.kind), item.ndof)):
+        for name, value in point.values.items():
+            reference = beam.references[name]
+            roads = (reference.analytic, reference.beam, reference.solid)
+            compared = [cell for right in roads for cell in (right, value / right - 1.0)]
+            cost = (*map(_known, (point.seconds, point.cpu_seconds)), point.macs.get(name))
+            rows.append((point.kind, point.ndof, name, UNITS[point.group], value, *compared, *cost))
+    table = PlainTable("ladder", headings, tuple(rows))
+    verdicts = tuple((c.figure, c.models, c.text, _verdict(c), c.decides, c.value, c.note) for c in claims)
+    return [table, PlainTable("claims", ("figure", "models", "claim", "verdict", "decided by", "number", "note"), verdicts)]
+
+
+def list_claims(claims: Sequence[Claim]) -> list[Json]:
+    """Claims for ``--json``."""
+    return [dict(vars(claim)) for claim in claims]
+
+
+def _reference_table(beam: LadderBeam) -> Table:
+    table = make_table("quantity", "", ">analytic", ">beam with shear", ">off by", ">converged 3D", ">off by")
+    for name, reference in beam.references.items():
+        off = [100.0 * (value / reference.analytic - 1.0) for value in (reference.beam, reference.solid)]
+        numbers = (f"{reference.beam:.5g}", f"{off[0]:+.2f} %", f"{reference.solid:.5g}", f"{off[1]:+.2f} %")
+        add_row(table, name, UNITS[reference.group], f"{reference.analytic:.5g}", *numbers)
+    return table
+
+
+def _print_reasons(console: Console, beam: LadderBeam) -> None:
+    """Why the analytic values are off, each reason with its quantities."""
+    reasons: dict[str, list[str]] = {}
+    for name, reference in beam.references.items():
+        reasons.setdefault(reference.note, []).append(name)
+    lines = Table.grid(padding=(0, 2))
+    for reason, names in reasons.items():
+        lines.add_row(Text("; ".join(names)), Text(reason))
+    console.print(lines)
+    console.print()
+
+
+def _effort_table(beam: LadderBeam, points: Sequence[LadderPoint]) -> Table:
+    table = make_table("models", "", *(f">{100 * limit:g} %" for limit in LIMITS))
+    groups: tuple[Group, ...] = ("static", "modal")
+    for group in groups:
+        names = [name for name, reference in beam.references.items() if reference.group == group]
+        for kind in KINDS:
+            rungs = pick_rungs(beam, points, group, kind)
+            if not rungs.points:
+                continue
+            cells = []
+            for limit in LIMITS:
+                ndof = ndof_within(rungs, names, limit, against="solid")
+                seconds = [point.cpu_seconds for point in rungs.points if point.ndof == ndof]
+                timed = f" ({max(seconds):.2g} s)" if seconds and math.isfinite(max(seconds)) else ""
+                cells.append("-" if ndof is None else f"{ndof}{timed}")
+            add_row(table, kind, group, *cells)
+    return table
+
+
+def _print_claims(console: Console, title: str, claims: Sequence[Claim]) -> None:
+    held = sum(claim.held for claim in claims)
+    console.print(f"{title}: {held} of {len(claims)} held", style="bold", markup=False)
+    lines = Table.grid(padding=(0, 2))
+    for claim in claims:
+        cell = Text(claim.text)
+        cell.append(f"\n{claim.decides}", style="bold")
+        cell.append(f"\n{claim.note}" if claim.note else "", style="dim")
+        verdict = Text(_verdict(claim), style="green" if claim.held else "yellow")
+        lines.add_row(Text(f"fig. {claim.figure}"), Text(claim.models), verdict, cell)
+    console.print(lines)
+    console.print()
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _verdict(claim: Claim) -> str:
+    return "held" if claim.held else "not held"

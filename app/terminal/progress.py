@@ -1,0 +1,83 @@
+"""How long stages go on, for whoever waits: a bar on a terminal, a line now and then in a log, nothing for what is quick."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from headstock.app.terminal.console import is_terminal
+
+PAINTER = Path(__file__).with_name("progress_painter.py")
+# a stage that is expected to take less is not worth a process
+SHORTEST_SECONDS = 2.0
+NO_BREAKS = str.maketrans("\t\r\n", "   ")
+
+
+class Progress:
+    """Tells a painter process when something long begins and ends; where none can be started, nothing is shown."""
+
+    def __init__(self, *, haste: float = 1.0) -> None:
+        self._haste = haste
+        self._process: subprocess.Popen[bytes] | None = None
+        self._answers = -1
+        self._silent = False
+        self._running = False
+
+    def begin(self, label: str, expected_seconds: float | None = None) -> None:
+        """Something begins: what, and how long it is expected to take; None where nobody knows."""
+        if self._silent or (expected_seconds is not None and expected_seconds < SHORTEST_SECONDS):
+            return
+        if self._process is None:
+            self._start()
+        self._running = self._tell(f"{expected_seconds or 0.0:.3f}\t{label.translate(NO_BREAKS)}\n")
+
+    def end(self) -> None:
+        """It ended; once this returns nothing is left of the bar."""
+        if self._running:
+            self._running = False
+            if self._tell("\n"):
+                os.read(self._answers, 1)
+
+    def close(self) -> None:
+        """End the painter."""
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+            self._process.wait()
+            os.close(self._answers)
+            self._process = None
+
+    def _start(self) -> None:
+        self._answers, theirs = os.pipe()
+        kind = "bar" if is_terminal(sys.stdout) else "lines"
+        command = [sys.executable, "-I", "-S", str(PAINTER), kind, str(theirs), str(self._haste)]
+        try:
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, pass_fds=(theirs,))
+        except OSError:
+            self._silent = True
+            os.close(self._answers)
+        finally:
+            os.close(theirs)
+
+    def _tell(self, text: str) -> bool:
+        if self._process is None or self._process.stdin is None:
+            return False
+        try:
+            self._process.stdin.write(text.encode())
+            self._process.stdin.flush()
+        except OSError:
+            self._silent = True  # it was killed: go on without
+        return not self._silent
+
+
+@contextlib.contextmanager
+def show_progress() -> Iterator[Progress]:
+    """A progress display that ends with the body."""
+    progress = Progress()
+    try:
+        yield progress
+    finally:
+        progress.end()
+        progress.close()

@@ -1,0 +1,219 @@
+"""What a study shows: progress, its table, orders of convergence, and the same as CSV and JSON."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from headstock.app.terminal.console import add_row, make_console, make_table, print_remarks, print_table
+from headstock.app.terminal.cost_listing import print_costs
+from headstock.app.texts.error_texts import show_bound, show_bounded
+from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.reading.watch_paths import MEASURED_NAMES
+from headstock.scene.studies import describe_point, list_varied, shorten_key, show_value
+from headstock.studies.parameters.costs import weigh_costs
+from headstock.studies.parameters.records import POINTS_FILE, StudyRecord
+from headstock.studies.parameters.runs import StudyProgress
+from headstock.studies.parameters.tables import (
+    SizeSeries,
+    StudyRow,
+    StudyTable,
+    is_number,
+    median_seconds,
+    series_title,
+    shorten_columns,
+    varied_numbers,
+)
+
+DIGITS = 6
+ERROR_LENGTH = 300
+HEADING_WIDTH = 12
+
+
+def print_progress(progress: StudyProgress) -> None:
+    """One line per point: how it went, and whether it was finished before."""
+    record = progress.record
+    seconds = median_seconds(record)
+    spent = "  finished before" if progress.known else f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
+    state = f"  {record.status}: {record.error[:ERROR_LENGTH]}" if record.status == "failed" else ""
+    line = f"  {progress.number + 1:>4}/{progress.total}  {spent}  {describe_point(progress.point)}{state}"
+    make_console().print(line, markup=False, soft_wrap=True)
+
+
+def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
+    """The table of a study (of one with a truth: errors beside costs), its orders of convergence, and what was measured how."""
+    console = make_console()
+    console.print()
+    if table.columns and table.study.truth is None:
+        _print_rows(console, table)
+    if table.series:
+        _print_orders(console, table.series)
+    if table.study.truth is not None:
+        print_costs(weigh_costs(table))
+    failed = [row.record for row in table.rows if row.record.status == "failed"]
+    for record in failed:
+        name = ", ".join([record.family, *list_varied(record.varied)])
+        console.print(f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False)
+    print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
+    console.print(describe_timing(table), markup=False)
+    done = len(table.rows) - len(failed)
+    text = f"{done} of {len(table.rows)} points done, {seconds:.2f} s in this run, results in {folder} ({POINTS_FILE}, study.csv)"
+    console.print(text, style="bold", markup=False)
+
+
+def describe_timing(table: StudyTable) -> str:
+    """How the seconds of a study were measured: store, repeats, threads, ranks."""
+    records = [row.record for row in table.rows if row.record.seconds]
+    threads, ranks = (_span(getattr(record, name) for record in records) for name in ("threads", "ranks"))
+    spreads = [
+        spread / median for record in records if (measured := median_seconds(record)) for median, spread in [measured] if median
+    ]
+    cached = sum(record.cached_stages for record in records)
+    store = (
+        "every point from an empty store (element kernels are compiled once per installation and not counted)"
+        if table.study.cold
+        else f"with the store in use, which answered {cached} stages; --cold measures without it"
+    )
+    repeats = (
+        f"median of {table.study.repeats} runs, spread up to {100 * max(spreads):.0f} %"
+        if table.study.repeats > 1 and spreads
+        else "one run"
+    )
+    return f"seconds: {store}; {repeats}; BLAS threads {threads}, ranks {ranks}"
+
+
+def study_csv(table: StudyTable) -> bytes:
+    """One row per point: family, varied keys, watched values, seconds with their spread, state.
+
+    Varied quantities are numbers in SI with their unit in the head (``components.bed.mesh.size [m]``); other values stand as written.
+    """
+    numbers = {key: varied_numbers(table, key) for key in table.varied}
+    written = [
+        [show_value(row.record.varied[key]) if key in row.record.varied else None for row in table.rows] for key in table.varied
+    ]
+    varied = [written[place] if found is None else found.values for place, found in enumerate(numbers.values())]
+    heads = [f"{key} [{found.unit}]" if found is not None and found.unit else key for key, found in numbers.items()]
+    columns = [column for column in table.columns if column not in MEASURED_NAMES]
+    timing = ("seconds", "seconds spread", "cpu seconds", "threads", "ranks", "cached stages", "status", "error")
+    rows = tuple(
+        (
+            row.record.family,
+            *(values[number] for values in varied),
+            *(row.values.get(column) for column in columns),
+            *_timing_cells(row.record),
+        )
+        for number, row in enumerate(table.rows)
+    )
+    return encode_csv(PlainTable("study", ("family", *heads, *columns, *timing), rows))
+
+
+def list_study(table: StudyTable, scene: Path) -> Json:
+    """Everything a study shows, for ``--json``."""
+    return {
+        "scene": scene.name,
+        "study": table.study.name,
+        "reference": table.study.reference,
+        "store": "cold" if table.study.cold else "warm",
+        "repeats": table.study.repeats,
+        "timing": describe_timing(table),
+        "rows": [_list_row(row) for row in table.rows],
+        "orders": [_list_series(series) for series in table.series],
+    }
+
+
+def _list_row(row: StudyRow) -> Json:
+    record = row.record
+    return {
+        "family": record.family,
+        "varied": record.varied,
+        "status": record.status,
+        "error": record.error,
+        "values": row.values,
+        "missing": list(row.problems),
+        "measured": record.measured,
+        "seconds": list(record.seconds),
+        "cpu_seconds": list(record.cpu_seconds),
+        "threads": record.threads,
+        "ranks": record.ranks,
+        "cached_stages": record.cached_stages,
+    }
+
+
+def _list_series(series: SizeSeries) -> Json:
+    found = series.extrapolation
+    return {
+        "column": series.column,
+        "family": series.family,
+        "others": series.others,
+        "sizes_m": list(series.sizes),
+        "values": list(series.values),
+        "order": found.order,
+        "extrapolated": found.limit,
+        "finest_error": found.error,
+        "remark": found.remark,
+    }
+
+
+def _timing_cells(record: StudyRecord) -> tuple[Any, ...]:
+    wall, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
+    spent = (wall[0], wall[1]) if wall else (None, None)
+    return (*spent, cpu[0] if cpu else None, record.threads, record.ranks, record.cached_stages, record.status, record.error)
+
+
+def _print_rows(console: Console, table: StudyTable) -> None:
+    short = shorten_columns(table.columns)
+    families = any(row.record.family for row in table.rows)
+    keys = {key: shorten_key(key) for key in table.varied}
+    headings = [*keys.values(), *(short[column] for column in table.columns)]
+    shown = make_table(*(["family"] if families else []), *(f">{_break_heading(heading)}" for heading in headings))
+    for row in table.rows:
+        varied = (show_value(row.record.varied[key]) if key in row.record.varied else "" for key in keys)
+        values = (_show_cell(row, column, repeats=table.study.repeats) for column in table.columns)
+        add_row(shown, *([row.record.family] if families else []), *varied, *values)
+    print_table(console, f"Study {table.study.name}", shown)
+
+
+def _break_heading(text: str) -> str:
+    """A long heading over several lines, broken where its parts meet."""
+    lines = [""]
+    for part in re.findall(r"[._\[]?[^._\[]+", text):
+        if lines[-1] and len(lines[-1]) + len(part) > HEADING_WIDTH:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
+
+
+def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
+    value = row.values.get(column)
+    if value is None:
+        return "failed" if row.record.status == "failed" else "-"
+    if column in MEASURED_NAMES:
+        measured = median_seconds(row.record, column)
+        if measured is None or repeats < 2:
+            return f"{value:.3g}"
+        return f"{show_bounded(value, measured[1] / 2.0)} {show_bound(value, measured[1] / 2.0)}"
+    return f"{value:.{DIGITS}g}" if is_number(value) and not isinstance(value, int) else str(value)
+
+
+def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
+    short = shorten_columns([series.column for series in found])
+    titled = any(series_title(series) for series in found)
+    table = make_table("value", *(["of"] if titled else []), ">finest", ">order", ">extrapolated", ">finest off by", "")
+    for series in found:
+        out = series.extrapolation
+        numbers = (
+            ("-", "-", "-")
+            if out.order is None or out.limit is None
+            else (f"{out.order:.2f}", f"{out.limit:.{DIGITS}g}", "-" if out.error is None else f"{100 * out.error:+.3f} %")
+        )
+        title = [series_title(series)] if titled else []
+        add_row(table, short[series.column], *title, f"{out.finest:.{DIGITS}g}", *numbers, out.remark)
+    print_table(console, "Order of convergence by the three finest meshes, and Richardson's extrapolation", table)
+
+
+def _span(numbers: Any) -> str:
+    known = sorted(set(numbers))
+    return "-" if not known else f"{known[0]}" if len(known) == 1 else f"{known[0]} to {known[-1]}"

@@ -1,0 +1,139 @@
+"""What the terminal shows of a sweep: what is swept, ranges of every quantity, crossings, poses that failed."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from rich.table import Table
+
+from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table
+from headstock.app.texts.error_texts import show_bound
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.sweep_poses import describe_positions, moving_axes
+from headstock.studies.sweeps.results import SweepResults
+from headstock.studies.sweeps.runs import SweepJob
+
+FAILED_SHOWN = 20
+
+
+def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
+    """Name what is swept."""
+    sweep = job.sweep
+    moving = moving_axes(sweep) if sweep.kind == "grid" else []
+    sizes = " × ".join(str(sweep.shape[column]) for column in moving)
+    variant = f", variant {job.scene.variant}" if job.scene.variant else ""
+    poses = counted(len(sweep.positions), "pose")
+    poses += f", {sizes} over {' and '.join(sweep.axes[column] for column in moving)}" if moving else ""
+    make_console().print(
+        f"{job.scene.name}: sweep {sweep.name}  ({poses}{variant}, {counted(ranks, 'rank')})", style="bold", markup=False
+    )
+
+
+def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
+    """Ranges of every quantity and where they lie."""
+    console = make_console()
+    console.print()
+    if results.frequencies_hz.shape[1]:
+        print_table(console, "Natural modes, followed from pose to pose [Hz]", _mode_table(summary, results))
+    for crossing in summary["crossings"]:
+        one, other = crossing["modes"]
+        console.print(
+            f"modes {one} and {other} cross between {counted(crossing['between_neighbours'], 'pair')} of neighbouring poses"
+        )
+    for name, point in summary["static"].items():
+        errors: Json = next(
+            (sample["error_um_per_kN"][name] for sample in summary["sampled_errors"] if sample["error_um_per_kN"]), {}
+        )
+        print_table(console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors))
+    for words in sampled_error_words(summary):
+        console.print(words, markup=False)
+    _print_states(results)
+    print_remarks(results.warnings)
+    console.print(
+        f"{summary['status']} in {seconds:.2f} s, {_describe_poses(len(results.states), computed)}, results in {folder}",
+        style="bold",
+        markup=False,
+    )
+
+
+def sampled_error_words(summary: Json) -> list[str]:
+    """In which poses errors were estimated, and what is not in them; empty where there are none."""
+    words = []
+    for sample in summary["sampled_errors"]:
+        place = ", ".join(
+            f"{axis} {show_position(value, unit)}"
+            for axis, value, unit in zip(summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True)
+        )
+        modes = sample["error_hz"]
+        plural = "s" if len(modes) > 1 else ""
+        what = [f"mode{plural} {', '.join(modes)}"] * any(size is not None for size in modes.values())
+        points = sample["error_um_per_kN"]
+        what += ["compliances"] * any(size is not None for errors in points.values() for size in errors.values())
+        left = f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
+        if what:
+            words.append(f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}")
+        elif left:
+            words.append(f"no ± in pose {place}{left}")
+    return words
+
+
+def _describe_poses(total: int, computed: int) -> str:
+    """How many poses this call computed, and how many it found: those of earlier calls, or of the tasks of a cluster."""
+    if computed == total:
+        return f"{counted(total, 'pose')} computed"
+    found = f"{counted(total - computed, 'finished pose')} collected"
+    return f"{counted(computed, 'pose')} computed, {found}" if computed else found
+
+
+def _mode_table(summary: Json, results: SweepResults) -> Table:
+    errors = {int(mode): size for sample in summary["sampled_errors"] for mode, size in sample["error_hz"].items()}
+    known = any(size is not None for size in errors.values())
+    table = make_table(">no.", ">lowest", "<at", ">highest", "<at", *(["<± Hz"] if known else []), ">poses", ">least MAC", "mode")
+    for number in range(results.frequencies_hz.shape[1]):
+        values = results.frequencies_hz[:, number]
+        least = np.nanmin(results.tracked.correlation[:, number]) if results.tracked is not None else np.nan
+        add_row(
+            table,
+            str(number + 1),
+            *_range_cells(values, results, "{:.3f}"),
+            *([show_bound(float(np.nanmax(values)), errors[number + 1]) if number + 1 in errors else ""] if known else []),
+            str(np.isfinite(values).sum()),
+            f"{least:.2f}",
+            results.mode_names[number],
+        )
+    return table
+
+
+def _point_table(point: Json, results: SweepResults, errors: Mapping[str, float | None]) -> Table:
+    known = any(size is not None for size in errors.values())
+    table = make_table("", ">lowest", "<at", ">highest", "<at", *(["<±"] if known else []))
+    matrix = np.array(point["compliance_um_per_kN"], dtype=float)
+    rows = {direction: matrix[:, place, place] for place, direction in enumerate("xyz")}
+    rows["largest"] = np.array(point["largest_um_per_kN"], dtype=float)
+    for name, values in rows.items():
+        cells = _range_cells(values, results, "{:.4g}")
+        shown = name in errors and np.isfinite(values).any()
+        add_row(table, name, *cells, *([show_bound(float(np.nanmax(values)), errors[name]) if shown else ""] if known else []))
+    return table
+
+
+def _range_cells(values: FloatArray, results: SweepResults, form: str) -> Sequence[str]:
+    if not np.isfinite(values).any():
+        return ("-", "", "-", "")
+    low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
+    where = [describe_positions(results.sweep, number) for number in (low, high)]
+    return (form.format(values[low]), where[0], form.format(values[high]), where[1])
+
+
+def _print_states(results: SweepResults) -> None:
+    console = make_console()
+    out = sum(state == "unreachable" for state in results.states)
+    if out:
+        console.print(f"{counted(out, 'pose')} of {len(results.states)} cannot be taken by the mechanism")
+    for number in results.failed[:FAILED_SHOWN]:
+        console.print(
+            f"failed: pose {describe_positions(results.sweep, number)}: {results.errors[number]}", style="bold red", markup=False
+        )
+    if len(results.failed) > FAILED_SHOWN:
+        console.print(f"failed: {len(results.failed) - FAILED_SHOWN} poses more, in sweep.json", style="bold red")

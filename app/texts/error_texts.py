@@ -1,0 +1,225 @@
+"""How values and their errors read: one rounding rule, ``77.4 ± 0.6``, for terminal, report and CSV; and what is in an error.
+
+An error keeps two digits where it begins with 1 or 2, else one, and is never rounded down; its value ends at the same decimal. A value
+has at most five significant digits: an error below its last one is shown as less than that digit.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
+
+from rich.console import Console
+
+from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.storage.json_texts import Json
+
+MOST_DIGITS = 5  # significant ones of a value, however small its error is
+LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
+LEAST_POSITIONAL = -9  # power of ten of the last digit; below it numbers are written with an exponent
+NO_BOUND = "± ?"
+FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
+
+
+def bound_size(value: float | None, error: float | None) -> float | None:
+    """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit that the value may have."""
+    size = None if value is None else _round(value, error).size
+    return None if size is None else float(size)
+
+
+def show_bound(value: float | None, error: float | None) -> str:
+    """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error is known; nothing without value."""
+    if value is None:
+        return ""
+    found = _round(value, error)
+    return NO_BOUND if found.size is None else f"± {'<' if found.below else ''}{_write(found.size)}"
+
+
+def show_bounded(value: float, error: float | None = None) -> str:
+    """A value to the decimal at which its error ends."""
+    last = _round(value, error).last
+    return "0" if last is None else _write(Decimal(repr(float(value))).quantize(last, rounding=ROUND_HALF_EVEN))
+
+
+def show_digits(value: float, digits: int) -> str:
+    """A number to so many significant digits, with their zeros and without a bare point: ``99.50``, ``1010``."""
+    exact = Decimal(repr(float(value)))
+    return _write(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1))) if exact else "0"
+
+
+def show_size(error: float | None) -> str:
+    """An error by itself, rounded as behind ±."""
+    size = _round(0.0, error).size
+    return "?" if size is None else _write(size)
+
+
+def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, errors: Mapping[str, float | None]) -> list[str]:
+    """Motions in x, y and z under a force in one direction; across the force as coarse as along either direction.
+
+    Args:
+        matrix: ``(3, 3)`` compliances, a column per force; None where a free motion leaves it open.
+        column: Direction of the force.
+        errors: Direction to how far the compliance along it may be off; those that are missing are not known.
+    """
+    along = [(matrix[place][place], errors.get(direction)) for place, direction in enumerate("xyz")]
+    lasts = [None if value is None else _round(value, error).last for value, error in along]
+    shown = []
+    for row, values in enumerate(matrix):
+        known, value = [last for last in (lasts[row], lasts[column]) if last is not None], values[column]
+        if value is None:
+            shown.append(FREE)
+        else:
+            exact = Decimal(repr(float(value)))
+            shown.append(_write(exact.quantize(max(known), ROUND_HALF_EVEN)) if known else show_bounded(value))
+    return shown
+
+
+def show_damped(modes: Json, index: int) -> tuple[str, str]:
+    """Frequency of the damped oscillation of a mode [Hz], and what stands behind it."""
+    damped = modes["damped_hz"][index]
+    if not damped:
+        return "-" if damped is None else "overdamped", ""
+    error = modes["damped_error_hz"][index]
+    return show_bounded(damped, error), "" if index < modes["rigid_count"] else show_bound(damped, error)
+
+
+def show_damping(ratio: float | None) -> str:
+    """A damping ratio in per cent, to three digits."""
+    if ratio is None:
+        return "-"
+    return f"{show_digits(100.0 * ratio, 3)} %"
+
+
+def show_damping_error(modes: Json, index: int) -> tuple[str, str]:
+    """Damping ratio of a mode in per cent, and what stands behind it."""
+    ratio, error = modes["damping_ratio"][index], modes["damping_error"][index]
+    if ratio is None:
+        return "-", ""
+    if error == 0.0:  # as the scene gives it
+        return show_damping(ratio), "± 0"
+    percents = 100.0 * ratio, None if error is None else 100.0 * error
+    known = "" if index < modes["rigid_count"] else show_bound(*percents)
+    shown = show_bounded(*percents) if known and error is not None else show_digits(percents[0], 3)
+    return f"{shown} %", f"{known} %" if known and known != NO_BOUND else known
+
+
+@dataclass(frozen=True)
+class _Rounded:
+    """An error as it is printed (None: not known), whether it is below what is printed, and the last digit of its value."""
+
+    size: Decimal | None
+    below: bool
+    last: Decimal | None
+
+
+def _round(value: float, error: float | None) -> _Rounded:
+    if error is None or not math.isfinite(error):
+        return _Rounded(None, below=False, last=_last_digit(value))
+    # nine digits: a unit of roundoff is no reason to round up
+    exact, finest = Decimal(f"{abs(error):.9e}"), _last_digit(value)
+    if finest is not None and exact < finest:
+        return _Rounded(finest, below=True, last=finest)
+    if not exact:
+        return _Rounded(Decimal(0), below=False, last=None)
+    size = exact
+    for _ in range(2):  # 0.296 rises to 0.30, which begins with 3: 0.3
+        digit = _error_digit(size)
+        size = size.quantize(digit if finest is None else max(digit, finest), rounding=ROUND_CEILING)
+    return _Rounded(size, below=False, last=Decimal(1).scaleb(int(size.as_tuple().exponent)))
+
+
+def _error_digit(error: Decimal) -> Decimal:
+    """The last digit that is worth printing of an error."""
+    place = error.adjusted()
+    return Decimal(1).scaleb(place - 1 if error.scaleb(-place) < LARGE_FIRST_DIGIT else place)
+
+
+def _last_digit(value: float) -> Decimal | None:
+    return Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - MOST_DIGITS + 1) if value else None
+
+
+def _write(number: Decimal) -> str:
+    if not number:
+        return "0"
+    return f"{number:e}" if int(number.as_tuple().exponent) < LEAST_POSITIONAL else f"{number:f}"
+
+
+def show_span(span: Sequence[float] | None) -> str:
+    """Lowest and highest frequency with averaging and rigid interfaces."""
+    return "-" if span is None else f"{span[0]:.4g} .. {span[1]:.4g}"
+
+
+def largest_shares(modes: Json) -> dict[str, float]:
+    """Largest part [Hz] of each source over the elastic modes of a pose."""
+    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    sources = dict.fromkeys(source for share in shares for source in share)
+    return {source: max((share[source] or 0.0 for share in shares if source in share), default=0.0) for source in sources}
+
+
+def error_words(modes: Json) -> list[str]:
+    """What is not in the errors of a pose's frequencies, and where there are none."""
+    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    words = []
+    if modes.get("interface_spread_hz"):
+        words.append("interfaces: lowest and highest with every interface averaging or rigid")
+    if modes.get("error_left_out"):
+        words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
+    if any(share.get(REDUCTION, 0.0) is None for share in shares):
+        words.append(f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings")
+    if any(share.get(DISCRETISATION, 0.0) is None for share in shares):
+        words.append(f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state")
+    return words
+
+
+def print_error_shares(console: Console, modes: Json) -> None:
+    """Print where the errors of a pose's frequencies come from."""
+    found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
+    for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
+        console.print(f"  {words}", markup=False)
+    console.print()
+
+
+def response_error_words(response: Json) -> list[str]:
+    """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
+    found = response.get("error")
+    if not found:
+        return []
+    sources = {source: shares for source, shares in found.items() if source != "bounded_to_hz"}
+    if None in sources.values():
+        return ["no bound of the reduction error: the range lies beyond the cut-off of the modes kept"]
+    parts = [
+        f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
+        f"{shares['largest_share_hz']:.4g} Hz"
+        for source, shares in sources.items()
+    ]
+    words = [f"± covers 95 % of errors, from {'; '.join(parts)}"]
+    if found["bounded_to_hz"] < response["to_hz"]:
+        words.append(f"no bound above {found['bounded_to_hz']:.4g} Hz")
+    if response.get("error_left_out"):
+        words.append(f"not in ±: {'; '.join(response['error_left_out'])}")
+    return words
+
+
+def print_response_error(console: Console, response: Json) -> None:
+    """Print how far a frequency response may be off."""
+    for words in response_error_words(response):
+        console.print(f"  {words}", markup=False)
+
+
+def accuracy_words(accuracy: Json) -> list[str]:
+    """How settings were chosen for an accuracy: what was asked for, what is reached, and with which settings."""
+    rounds, reached = accuracy["rounds"], accuracy["estimated"]
+    if "owner" not in rounds[-1]:
+        return [
+            f"accuracy {100.0 * accuracy['asked']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
+        ]
+    last = rounds[-1]["quantity"]
+    known = "an unknown amount" if reached is None else f"{100.0 * reached:.2g} %"
+    settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
+    state = "met" if accuracy["met"] else "not met"
+    count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
+    words = (
+        f"accuracy {100.0 * accuracy['asked']:g} % {state} in {count}: {last} within {known}, the others closer"
+        " (± of meshes counted up to 1.8 times)"
+    )
+    return [words, *([settings] if settings else [])]

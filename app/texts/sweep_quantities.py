@@ -1,0 +1,75 @@
+"""The quantities of a sweep that are mapped, as lists over its poses, and as a table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.app.texts.tables import PlainTable
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.storage.json_texts import Json
+
+FIGURE_TITLES = {
+    "softest_N_per_um": ("smallest dynamic stiffness", "N/µm"),
+    "softest_hz": ("frequency of the smallest dynamic stiffness", "Hz"),
+    "chatter_stiffness_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """What is mapped.
+
+    Attributes:
+        name: For files and ids.
+        title: For readers.
+        unit: Empty without one.
+        values: ``(n,)``, NaN where there is none.
+    """
+
+    name: str
+    title: str
+    unit: str
+    values: FloatArray
+
+
+def list_quantities(summary: Json) -> list[Quantity]:
+    """Frequencies of tracked modes, compliances, condition number and figures of frequency responses."""
+    found = [Quantity(f"mode_{number}", f"mode {number}", "Hz", values) for number, values in enumerate(_columns(summary), start=1)]
+    for point, entry in summary["static"].items():
+        matrix = np.array(entry["compliance_um_per_kN"], dtype=float).reshape(-1, 3, 3)
+        found += [
+            Quantity(f"compliance_{point}_{axis}", f"compliance {axis} at {point}", "µm/kN", matrix[:, place, place])
+            for place, axis in enumerate("xyz")
+        ]
+        largest, ratio = (np.array(entry[key], dtype=float) for key in ("largest_um_per_kN", "ratio"))
+        found.append(Quantity(f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest))
+        found.append(Quantity(f"compliance_{point}_ratio", f"largest over smallest compliance at {point}", "", ratio))
+    if summary["condition_number"] is not None:
+        found.append(Quantity("condition_number", "condition number", "", np.array(summary["condition_number"], dtype=float)))
+    for port, figures in summary["frf"].items():
+        found += [
+            Quantity(f"frf_{port.replace(' ', '_')}_{key}", f"{title} at {port}", unit, np.array(figures[key], dtype=float))
+            for key, (title, unit) in FIGURE_TITLES.items()
+        ]
+    return found
+
+
+def tabulate_sweep(summary: Json) -> PlainTable:
+    """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and what gives most at each point."""
+    quantities = list_quantities(summary)
+    labels = summary["labels"] or [None] * len(summary["positions"])
+    axes = [f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)]
+    names = [f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name for quantity in quantities]
+    weakest = [(f"weakest {axis} at {name}", point["weakest"]) for name, point in summary["static"].items() for axis in "xyz"]
+    rows = []
+    for number, (positions, label, state) in enumerate(zip(summary["positions"], labels, summary["states"], strict=True)):
+        values = [float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None for quantity in quantities]
+        links = [links[number][place % 3] or None for place, (_, links) in enumerate(weakest)]
+        rows.append((number + 1, label, *positions, state, *values, *links, summary["errors"].get(str(number))))
+    heads = ("pose", "name", *axes, "state", *names, *(heading for heading, _ in weakest), "error")
+    return PlainTable("sweep", heads, tuple(rows))
+
+
+def _columns(summary: Json) -> list[FloatArray]:
+    table = np.array(summary["frequencies_hz"], dtype=float)
+    return list(table.T) if table.ndim == 2 else []

@@ -1,0 +1,1 @@
+"""Bodies tied together: joints, axes, poses, carriages on rails, drives. Never how any of it is solved."""

@@ -1,0 +1,101 @@
+"""Where the carriages of a machine stand on their rails in a pose."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.geometry.machine.rail_spans import rail_span
+from headstock.geometry.parts.mass_properties import interface_moment
+from headstock.geometry.parts.patches import Span
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+
+DEGREE = 3  # of the splines along a rail
+OVERHANG_TOLERANCE = 1e-9
+LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """A carriage on its rail.
+
+    Attributes:
+        joint: Name of the joint.
+        rail: The rail it holds on to.
+        place: Its middle along the rail's axis in the frame of the rail's component [m].
+        length: Its length [m].
+        span: Where the rail begins and ends [m].
+    """
+
+    joint: str
+    rail: JointEnd
+    place: float
+    length: float
+    span: Span
+
+    @property
+    def overhang(self) -> float:
+        """How far it hangs over the nearer end [m]; below zero by as much as it may still move."""
+        return max(self.span[0] - (self.place - 0.5 * self.length), self.place + 0.5 * self.length - self.span[1])
+
+
+def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
+    """The end of a joint that is a rail; None where there is none, or its component is not described by the machine."""
+    for end in joint.ends:
+        component = machine.components.get(end.component or "")
+        interface = None if component is None or end.interface is None else component.interfaces.get(end.interface)
+        if interface is not None and interface.rail is not None:
+            return end
+    return None
+
+
+def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
+    """Every carriage whose place can be told without a mesh.
+
+    Raises:
+        ValueError: The pose names an unknown axis or leaves its limits.
+    """
+    ends = {name: rail_end(machine, joint) for name, joint in machine.joints.items()}
+    riding = [(machine.joints[name], rail) for name, rail in ends.items() if rail is not None]
+    # poses of a mechanism name no axes
+    placements = place_components(machine, pose) if riding else {}
+    found = []
+    for joint, rail in riding:
+        if joint.length is None:
+            continue
+        component = machine.components[str(rail.component)]
+        interface = component.interfaces[str(rail.interface)]
+        span, point = rail_span(component.solid, interface), _joint_point(machine, joint, rail, placements)
+        if span is not None and point is not None and interface.rail is not None:
+            frame = placements[component.name]
+            place = (frame.rotation.T @ (point - frame.origin))["xyz".index(interface.rail.along)]
+            found.append(Carriage(joint.name, rail, float(place), joint.length, span))
+    return tuple(found)
+
+
+def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Mapping[str, Frame]) -> FloatArray | None:
+    """Joint point in the machine frame, carried along by the end that is not the rail."""
+    other = joint.ends[0] if joint.ends[1] is rail else joint.ends[1]
+    if other.component is None:
+        return joint.point
+    component = machine.components.get(other.component)
+    if component is None:
+        return None
+    now = placements[other.component]
+    if joint.point is not None:
+        home = component.placement
+        return np.asarray(now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin)))
+    interface = component.interfaces.get(other.interface or "")
+    if interface is None or not isinstance(component.solid, Box | Plate | HollowColumn | Tube):
+        return None
+    moment = interface_moment(component.solid, interface)
+    return None if moment is None else np.asarray(now.origin + now.rotation @ moment[1])
+
+
+def count_stations(span: float, length: float, intervals: float) -> int:
+    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs."""
+    return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE

@@ -1,0 +1,165 @@
+"""The machine: components, joints, points and axes; and where everything is in a pose."""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
+from headstock.geometry.machine.joints import Axis, Joint, JointEnd
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, ToolMechanism, place_carriers
+from headstock.geometry.parts.components import Component, Load, Support
+
+# positions of axes as scenes write them: SI unit to factor and unit
+SCENE_UNITS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
+
+
+@dataclass(frozen=True)
+class Point:
+    """A named point at which results are wanted: the motion of ``tool`` relative to ``work``."""
+
+    name: str
+    tool: JointEnd
+    work: JointEnd
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A place on a component where displacement and stress under the static loads are wanted.
+
+    Attributes:
+        name: Name in the scene.
+        component: Component name.
+        position: In the component's own frame [m].
+    """
+
+    name: str
+    component: str
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Axis positions [m, rad] by axis name; axes not named stand at zero."""
+
+    name: str
+    positions: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A machine as data, SI units, no numerics.
+
+    Attributes:
+        name: Name of the scene.
+        components: By name, placed at zero axis positions.
+        joints: By name.
+        points: By name.
+        axes: By name, in the order in which the scene lists them.
+        supports: By name.
+        loads: By name.
+        probes: By name.
+        gravity: Acceleration of gravity in the machine frame [m/s^2].
+        mechanism: The closed-loop mechanism that carries components, if any: their placements, and points and axes of joints
+            whose leading end is one of them, are given in the frame of the mark that carries them.
+    """
+
+    name: str
+    components: dict[str, Component]
+    joints: dict[str, Joint] = field(default_factory=dict)
+    points: dict[str, Point] = field(default_factory=dict)
+    axes: dict[str, Axis] = field(default_factory=dict)
+    supports: dict[str, Support] = field(default_factory=dict)
+    loads: dict[str, Load] = field(default_factory=dict)
+    probes: dict[str, Probe] = field(default_factory=dict)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    mechanism: ToolMechanism | None = None
+
+
+def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
+    """Frame of every component in the machine frame when the axes stand at a pose.
+
+    Axes act in chains: an axis that carries another axis' base carries its direction with it, so axes are applied from the
+    one that carries most components to the one that carries least. A mechanism closes its loops first.
+
+    Raises:
+        ValueError: The pose names an unknown axis or leaves an axis' limits.
+        PoseError: The mechanism cannot take the pose.
+    """
+    mechanism = machine.mechanism
+    for name, position in pose.positions.items():
+        if mechanism is not None and name in TOOL_AXES:
+            continue
+        if name not in machine.axes:
+            raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
+        low, high = machine.axes[name].limits
+        if not low <= position <= high:
+            unit = position_units(machine)[name]
+            places = [show_position(place, unit) for place in (position, low, high)]
+            raise ValueError(f"pose {pose.name!r}: axis {name} at {places[0]} is outside its limits {places[1]} .. {places[2]}")
+    frames = {name: component.placement for name, component in machine.components.items()}
+    carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
+    frames |= {name: compose_frames(carrier, frames[name]) for name, carrier in carriers.items() if name in frames}
+    # innermost first: a motion given at zero position is then carried along by the motions of the axes below it
+    for axis in sorted(machine.axes.values(), key=lambda axis: len(axis.moves)):
+        motion = axis_motion(axis, pose.positions.get(axis.name, 0.0))
+        for name in axis.moves:
+            frames[name] = compose_frames(motion, frames[name])
+    return frames
+
+
+def position_units(machine: Machine) -> dict[str, str]:
+    """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism carries it."""
+    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in machine.axes.items()}
+    if machine.mechanism is not None:
+        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
+    return units
+
+
+def show_position(position: float, unit: str) -> str:
+    """A position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or ``rad``."""
+    factor, word = SCENE_UNITS[unit]
+    return f"{round(factor * position, 9) + 0.0:g} {word}"
+
+
+def axis_motion(axis: Axis, position: float) -> Frame:
+    """Rigid motion of an axis from zero to a position, as a frame in the machine frame."""
+    if axis.kind == "linear":
+        return Frame(position * axis.direction)
+    rotation = rotation_about(axis.direction, position)
+    return Frame(axis.center - rotation @ axis.center, rotation)
+
+
+def orient_machine(machine: Machine, frame: Frame) -> Machine:
+    """The same machine set up in another orientation and place: every frame, axis and joint is carried along; gravity is not."""
+    rotation = frame.rotation
+
+    def carry_point(point: FloatArray) -> FloatArray:
+        return np.asarray(frame.origin + rotation @ point)
+
+    components = {
+        name: dataclasses.replace(component, placement=compose_frames(frame, component.placement))
+        for name, component in machine.components.items()
+    }
+    joints = {
+        name: dataclasses.replace(
+            joint,
+            rotation=rotation @ joint.rotation,
+            second_axis=None if joint.second_axis is None else rotation @ joint.second_axis,
+            point=None if joint.point is None else carry_point(joint.point),
+        )
+        for name, joint in machine.joints.items()
+    }
+    axes = {
+        name: dataclasses.replace(axis, direction=rotation @ axis.direction, center=carry_point(axis.center))
+        for name, axis in machine.axes.items()
+    }
+    loads = {
+        name: dataclasses.replace(
+            load,
+            vector=tuple(float(v) for i in range(0, len(load.vector), 3) for v in rotation @ load.vector[i : i + 3]),
+        )
+        for name, load in machine.loads.items()
+    }
+    return dataclasses.replace(machine, components=components, joints=joints, axes=axes, loads=loads)

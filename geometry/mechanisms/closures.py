@@ -1,0 +1,270 @@
+"""Closure equations of a mechanism: residual, Jacobian and bias, and the passive coordinates that close the loops.
+
+``phi(q) = 0``, ``phi_q qd = 0``, ``phi_q qdd + gamma = 0``. Orientation closures use ``vee skew(E)``, ``E = R1^T R2``, whose
+derivative is ``T R1^T (omega2 - omega1)`` with ``T = (tr(E) I - E) / 2``, off the constraint too.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from headstock.geometry.errors import ClosureError
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.kinematics import (
+    Bias,
+    IndexArray,
+    Placement,
+    cross,
+    mark_jacobians,
+    place_marks,
+    skew_matrices,
+)
+from headstock.geometry.mechanisms.mechanism import AXES, Alignment, Balance, Mechanism, Meeting
+
+MAX_ITERATIONS = 40
+LARGEST_STEP = 0.5
+CLOSED = 1e-13
+STAGNANT = 1e-9  # below this a step that no longer shrinks is roundoff
+RANK_TOLERANCE = 1e-9
+_UNIT = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """A mechanism in a state, with first derivatives.
+
+    Attributes:
+        placement: Where everything is.
+        of_position: ``(..., P, 3, n)`` derivative of the marks' positions.
+        of_turn: ``(..., P, 3, n)`` of their orientations.
+        closures: ``(..., m, n)`` ``phi_q``.
+    """
+
+    placement: Placement
+    of_position: FloatArray
+    of_turn: FloatArray
+    closures: FloatArray
+
+
+def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
+    """Placement and all Jacobians at a state ``(..., n)``."""
+    placement = place_marks(mechanism, state)
+    of_position, of_turn = mark_jacobians(placement)
+    return Kinematics(placement, of_position, of_turn, _closure_jacobian(mechanism, placement, of_position, of_turn))
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureLayout:
+    """Closures as arrays: marks of all meetings and alignments, and which of their components are wanted.
+
+    Attributes:
+        meet_first: ``(K,)`` marks of the meetings.
+        meet_second: ``(K,)``.
+        meet_frame: ``(K,)`` mark whose axes are used; the number of marks for ground.
+        align_first: ``(L,)`` marks of the alignments.
+        align_second: ``(L,)``.
+        rows: Picks the wanted components from meetings (3 K), alignments (3 L) and balances, in the order of the closures.
+        weights: ``(B, n)`` of the balances.
+        values: ``(B,)`` of the balances.
+    """
+
+    meet_first: IndexArray
+    meet_second: IndexArray
+    meet_frame: IndexArray
+    align_first: IndexArray
+    align_second: IndexArray
+    rows: IndexArray
+    weights: FloatArray
+    values: FloatArray
+
+
+@lru_cache(maxsize=64)
+def closure_layout(mechanism: Mechanism) -> ClosureLayout:
+    """The closures of a mechanism as arrays."""
+    marks = {name: place for place, name in enumerate(mechanism.marks)}
+    meetings = [item for item in mechanism.closures if isinstance(item, Meeting)]
+    alignments = [item for item in mechanism.closures if isinstance(item, Alignment)]
+    balances = [item for item in mechanism.closures if isinstance(item, Balance)]
+    weights = np.array([[item.weights.get(name, 0.0) for name in mechanism.coordinates] for item in balances])
+    starts = {id(item): 3 * number for number, item in enumerate((*meetings, *alignments))}
+    starts |= {id(item): 3 * len(starts) + number for number, item in enumerate(balances)}
+    rows: list[int] = []
+    for item in mechanism.closures:
+        picked = [0] if isinstance(item, Balance) else [AXES.index(axis) for axis in item.axes]
+        rows += [starts[id(item)] + component for component in picked]
+
+    def place(names: list[str | None]) -> IndexArray:
+        return np.array([len(marks) if name is None else marks[name] for name in names], dtype=np.intp)
+
+    return ClosureLayout(
+        place([item.first for item in meetings]),
+        place([item.second for item in meetings]),
+        place([item.frame for item in meetings]),
+        place([item.first for item in alignments]),
+        place([item.second for item in alignments]),
+        np.array(rows, dtype=np.intp),
+        weights.reshape(len(balances), len(mechanism.coordinates)),
+        np.array([item.value for item in balances]),
+    )
+
+
+def closure_residual(mechanism: Mechanism, state: FloatArray, placement: Placement | None = None) -> FloatArray:
+    """``phi``, ``(..., m)`` [m, rad], by how much the loops are open."""
+    layout = closure_layout(mechanism)
+    placement = placement or place_marks(mechanism, state)
+    axes, gap = _axes_and_gap(layout, placement)
+    met = (np.swapaxes(axes, -1, -2) @ gap[..., None])[..., 0]
+    aligned = _vee(_relative(layout, placement))
+    balanced = (layout.weights @ state[..., None])[..., 0] - layout.values
+    return _pick(layout, met, aligned, balanced)
+
+
+def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> FloatArray:
+    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint accelerations."""
+    layout = closure_layout(mechanism)
+    axes, gap = _axes_and_gap(layout, placement)
+    omega, alpha = bias.omega.take(layout.meet_frame, axis=-2), bias.alpha.take(layout.meet_frame, axis=-2)
+    speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(layout.meet_second, axis=-2)
+    apart = bias.acceleration.take(layout.meet_first, axis=-2) - bias.acceleration.take(layout.meet_second, axis=-2)
+    turned = apart - 2.0 * cross(omega, speed) - cross(alpha, gap) + cross(omega, cross(omega, gap))
+    met = (np.swapaxes(axes, -1, -2) @ turned[..., None])[..., 0]
+    aligned = _alignment_bias(layout, placement, bias)
+    balanced = np.zeros((*gap.shape[:-2], len(layout.values)), gap.dtype)
+    return _pick(layout, met, aligned, balanced)
+
+
+def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None) -> FloatArray:
+    """Coordinates that close the loops, by Newton's method from a state.
+
+    Args:
+        mechanism: Its closures must be as many as the unknowns, and regular.
+        state: ``(..., n)`` start; the unknowns are changed, the others held.
+        unknown: Which coordinates are changed; by default the passive ones.
+
+    Returns:
+        ``(..., n)``.
+
+    Raises:
+        ClosureError: The pose cannot be reached from there, or the unknowns are singular.
+    """
+    return close_kinematics(mechanism, state, unknown=unknown)[0]
+
+
+def close_kinematics(
+    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
+) -> tuple[FloatArray, Kinematics]:
+    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's method."""
+    columns = mechanism.passive_slice if unknown is None else unknown
+    state = np.array(state, dtype=np.result_type(state, float))
+    before = np.inf
+    for _ in range(MAX_ITERATIONS):
+        kinematics = evaluate_kinematics(mechanism, state)
+        residual = closure_residual(mechanism, state, kinematics.placement)
+        try:
+            step = np.linalg.solve(kinematics.closures[..., columns], residual[..., None])[..., 0]
+        except np.linalg.LinAlgError as error:
+            raise ClosureError(
+                f"{mechanism.name}: the closures do not determine the coordinates in this pose: it is singular"
+            ) from error
+        size = np.abs(step).max(initial=0.0)
+        if not np.isfinite(size):
+            break
+        # far from the solution a full step may jump to another assembly
+        state[..., columns] -= step * min(1.0, LARGEST_STEP / max(size, LARGEST_STEP))
+        if size < CLOSED or 0.1 * before <= size < STAGNANT:
+            return state, kinematics
+        before = size
+    worst = float(np.abs(closure_residual(mechanism, state)).max())
+    raise ClosureError(
+        f"{mechanism.name}: the loops stay open by {worst:.2g} m or rad after {MAX_ITERATIONS} steps; the pose is out of reach"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Mobility:
+    """How a mechanism can move in a pose.
+
+    Attributes:
+        freedom: Motions that the closures leave, compliant coordinates held.
+        rank: Rank of the closures.
+        closures: Number of closure equations; those above the rank are redundant, and forces in them not unique.
+        passive_condition: Condition number of the closures in the passive coordinates; infinite where these are not square.
+    """
+
+    freedom: int
+    rank: int
+    closures: int
+    passive_condition: float
+
+    @property
+    def redundant(self) -> int:
+        """Closures that say nothing new."""
+        return self.closures - self.rank
+
+
+def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
+    """Rank of the closures and what they leave free, at one closed state ``(n,)``."""
+    jacobian = evaluate_kinematics(mechanism, state).closures
+    rigid = jacobian[:, : mechanism.compliant_slice.start]
+    sizes = np.linalg.svd(rigid, compute_uv=False)
+    rank = int((sizes > RANK_TOLERANCE * sizes.max(initial=1.0)).sum())
+    passive = jacobian[:, mechanism.passive_slice]
+    condition = float(np.linalg.cond(passive)) if passive.shape[0] == passive.shape[1] else np.inf
+    return Mobility(rigid.shape[1] - rank, rank, len(jacobian), condition)
+
+
+def _closure_jacobian(mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_turn: FloatArray) -> FloatArray:
+    layout = closure_layout(mechanism)
+    axes, gap = _axes_and_gap(layout, placement)
+    frame_turn = of_turn.take(layout.meet_frame, axis=-3)
+    opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(layout.meet_second, axis=-3)
+    met = np.swapaxes(axes, -1, -2) @ (opening + skew_matrices(gap) @ frame_turn)
+    turning = of_turn.take(layout.align_second, axis=-3) - of_turn.take(layout.align_first, axis=-3)
+    first = placement.rotations.take(layout.align_first, axis=-3)
+    aligned = _vee_map(_relative(layout, placement)) @ np.swapaxes(first, -1, -2) @ turning
+    balanced = np.broadcast_to(layout.weights, (*placement.positions.shape[:-2], *layout.weights.shape))
+    return _pick(layout, met, aligned, balanced, columns=True)
+
+
+def _axes_and_gap(layout: ClosureLayout, placement: Placement) -> tuple[FloatArray, FloatArray]:
+    gap = placement.positions.take(layout.meet_first, axis=-2) - placement.positions.take(layout.meet_second, axis=-2)
+    return placement.rotations.take(layout.meet_frame, axis=-3), gap
+
+
+def _relative(layout: ClosureLayout, placement: Placement) -> FloatArray:
+    first = placement.rotations.take(layout.align_first, axis=-3)
+    return np.asarray(np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3))
+
+
+def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
+    first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
+    relative = _relative(layout, placement)
+    omega1, omega2 = bias.omega.take(layout.align_first, axis=-2), bias.omega.take(layout.align_second, axis=-2)
+    alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(layout.align_first, axis=-2)
+    speed = first @ (omega2 - omega1)[..., None]
+    change = first @ (alpha - cross(omega1, omega2))[..., None]
+    growth = _vee_map(skew_matrices(speed[..., 0]) @ relative)
+    return (_vee_map(relative) @ change + growth @ speed)[..., 0]
+
+
+def _vee(matrix: FloatArray) -> FloatArray:
+    flat = matrix.reshape(*matrix.shape[:-2], 9)
+    return np.asarray(0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]]))
+
+
+def _vee_map(matrix: FloatArray) -> FloatArray:
+    trace = matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2]
+    return np.asarray((0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix)
+
+
+def _pick(
+    layout: ClosureLayout, met: FloatArray, aligned: FloatArray, balanced: FloatArray, *, columns: bool = False
+) -> FloatArray:
+    """The wanted rows of all closures, in the closures' order."""
+    keep = 1 if columns else 0
+    shape = met.shape[: met.ndim - 2 - keep]
+    tail = met.shape[-1:] if columns else ()
+    parts = [part.reshape(*shape, -1, *tail) for part in (met, aligned, balanced)]
+    stacked = np.concatenate(parts, axis=-1 - keep)
+    return np.asarray(stacked.take(layout.rows, axis=-1 - keep))

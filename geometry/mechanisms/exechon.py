@@ -1,0 +1,223 @@
+"""Inverse kinematics of the Exechon in closed form: every assembly, joint limits, condition number, singular poses.
+
+Source: Zoppi, Zlatanov and Molfino (2010), DETC2010-28668, sec. 4, written with the angles ``phi`` of the plane of legs 1 and 2
+(sin phi = c_alpha there up to sign) and ``beta`` of the platform in it. Every function takes leading batch dimensions.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.errors import JointLimitError, SingularPoseError, UnreachablePoseError
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.mechanisms.closures import evaluate_kinematics
+from headstock.geometry.mechanisms.exechon_2 import LENGTHS, ExechonDimensions, exechon_mechanism
+from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.geometry.mechanisms.mechanism import Mechanism, wrap_angles
+
+Sign = Literal[-1, 1]
+Assembly = tuple[Sign, Sign]
+ASSEMBLIES: tuple[Assembly, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+SINGULAR = 1e-9
+LARGEST_CONDITION = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class MountedExechon:
+    """An Exechon in its place above a table.
+
+    Attributes:
+        dimensions: Of the tripod and its wrist.
+        mounting: Base frame in the table frame.
+        limits: Lowest and highest value of coordinates that have limits [m, rad].
+        assembly: Which way round it is put together: signs of the plane's and of the platform's angle.
+        mechanism: The chains and closures.
+    """
+
+    dimensions: ExechonDimensions
+    mounting: Frame = field(default_factory=Frame)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    assembly: Assembly = (1, 1)
+    mechanism: Mechanism = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mechanism", exechon_mechanism(self.dimensions))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSurvey:
+    """States of a mechanism in many poses.
+
+    Attributes:
+        states: ``(..., n)`` coordinates, NaN where a pose is out of reach.
+        reached: ``(...)`` whether the pose can be taken.
+        within: ``(...)`` whether every joint is within its limits too.
+        condition: ``(...)`` condition number of the wrist centre's motion by the leg lengths; infinite where not reached.
+    """
+
+    states: FloatArray
+    reached: NDArray[np.bool_]
+    within: NDArray[np.bool_]
+    condition: FloatArray
+
+
+def solve_tool_pose(machine: MountedExechon, point: FloatArray, direction: FloatArray) -> FloatArray:
+    """Coordinates ``(n,)`` at which the tool stands in one pose.
+
+    Args:
+        machine: The mounted mechanism.
+        point: ``(3,)`` tool point in the table frame [m].
+        direction: ``(3,)`` unit vector along the tool, from the wrist to the tip, in the table frame.
+
+    Raises:
+        UnreachablePoseError: The wrist centre is too close to the common axis of legs 1 and 2.
+        SingularPoseError: The plane, the platform or the wrist is undetermined, or a motion is lost or gained.
+        JointLimitError: A joint is beyond its limits; says which and by how much.
+    """
+    place = f"tool point ({', '.join(f'{1e3 * value:.4g}' for value in point)}) mm"
+    center = _wrist_center(machine, np.asarray(point), np.asarray(direction))
+    _require_reach(machine, center, place)
+    survey = survey_tool_poses(machine, np.asarray(point), np.asarray(direction))
+    if not survey.reached:
+        raise SingularPoseError(f"{place}: the directions of a leg or of the wrist are undetermined there; move the pose a little")
+    if not survey.condition < LARGEST_CONDITION:
+        raise SingularPoseError(
+            f"{place}: the tripod is singular there, condition number {survey.condition:.2g}; a motion of the platform is lost or gained"
+        )
+    if not survey.within:
+        raise JointLimitError(f"{place}: {'; '.join(name_limit_faults(machine, survey.states))}")
+    return survey.states
+
+
+def survey_tool_poses(machine: MountedExechon, points: FloatArray, directions: FloatArray) -> PoseSurvey:
+    """Coordinates at which the tool stands in many poses, with what is wrong with each told by flags instead of errors.
+
+    Args:
+        machine: The mounted mechanism.
+        points: ``(..., 3)`` tool points in the table frame [m].
+        directions: ``(3,)`` or ``(..., 3)`` unit vectors along the tool in the table frame.
+    """
+    directions = np.broadcast_to(np.asarray(directions, dtype=float), points.shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        states = platform_states(machine.dimensions, _wrist_center(machine, points, directions), machine.assembly)
+        turned = place_marks(machine.mechanism, states)
+        platform = turned.rotations[..., machine.mechanism.marks.index("platform"), :, :]
+        own = (np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None])[..., 0]
+        wrist = machine.mechanism.index("g4")
+        sideways = np.hypot(own[..., 0], own[..., 1])
+        states[..., wrist] = np.where(sideways > SINGULAR, np.arctan2(own[..., 1], own[..., 0]), np.nan)
+        states[..., wrist + 1] = np.arctan2(sideways, own[..., 2])
+    reached = np.asarray(np.isfinite(states).all(axis=-1))
+    within = reached.copy()
+    for name, (low, high) in machine.limits.items():
+        value = states[..., machine.mechanism.index(name)]
+        within &= (value >= low) & (value <= high)
+    return PoseSurvey(states, reached, within, condition_numbers(machine.mechanism, states))
+
+
+def platform_states(dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly = (1, 1)) -> FloatArray:
+    """Coordinates of the tripod with its wrist centre in a place, wrist angles and compliances zero; NaN where it cannot be.
+
+    Args:
+        dimensions: Of the tripod.
+        center: ``(..., 3)`` wrist centre in the base frame [m].
+        assembly: One of :data:`ASSEMBLIES`; together they are all solutions with legs of positive length.
+    """
+    mechanism = exechon_mechanism(dimensions)
+    phi, beta = _plane_and_platform(dimensions, center, assembly)
+    sin_phi, cos_phi, sin_beta, cos_beta = np.sin(phi), np.cos(phi), np.sin(beta), np.cos(beta)
+    zero = np.zeros_like(phi)
+    normal, radial = np.stack([cos_phi, zero, -sin_phi], -1), np.stack([sin_phi, zero, cos_phi], -1)
+    along = np.array([0.0, 1.0, 0.0])
+    y_axis = cos_beta[..., None] * along + sin_beta[..., None] * radial
+    z_axis = cos_beta[..., None] * radial - sin_beta[..., None] * along
+    origin = center - dimensions.wrist[0] * normal - dimensions.wrist[1] * z_axis
+    values: dict[str, FloatArray] = {"phi": phi}
+    for leg in (1, 2):
+        joint = origin + dimensions.platform[leg - 1] * y_axis + dimensions.platform_heights[leg - 1] * z_axis
+        arm = joint - dimensions.base[leg - 1] * along - dimensions.universal_offsets[leg - 1] * radial
+        across, outward = arm[..., 1], (arm * radial).sum(axis=-1)
+        values[f"q{leg}"], values[f"th{leg}"] = np.hypot(across, outward), np.arctan2(-across, outward)
+    values["ps1"] = wrap_angles(beta - values["th1"])
+    values["ps2"] = values["th1"] + values["ps1"] - values["th2"]
+    arm = origin + dimensions.platform[2] * normal - np.array([dimensions.base[2], 0.0, 0.0])
+    values |= _third_leg(arm, normal, y_axis)
+    states = np.zeros((*phi.shape, len(mechanism.coordinates)))
+    for name, value in values.items():
+        states[..., mechanism.index(name)] = value
+    states[~np.asarray(np.isfinite(states).all(axis=-1))] = np.nan
+    return states
+
+
+def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
+    """Condition number ``(...)`` of the map from leg speeds to the velocity of the wrist centre; all lengths, so it has no unit."""
+    finite = np.asarray(np.isfinite(states).all(axis=-1))
+    known = np.where(finite[..., None], states, 1.0)
+    kinematics = evaluate_kinematics(mechanism, known)
+    closures = kinematics.closures
+    sizes = np.linalg.svd(closures[..., mechanism.passive_slice], compute_uv=False)
+    regular = finite & (sizes[..., -1] > SINGULAR * sizes[..., 0])
+    passive = np.where(regular[..., None, None], closures[..., mechanism.passive_slice], np.eye(closures.shape[-2]))
+    legs = slice(0, len(LENGTHS))
+    follow = -np.linalg.solve(passive, closures[..., legs])
+    center = kinematics.of_position[..., mechanism.marks.index("wrist_4"), :, :]
+    motion = center[..., legs] + center[..., mechanism.passive_slice] @ follow
+    sizes = np.linalg.svd(motion, compute_uv=False)
+    lost = ~regular | (sizes[..., -1] <= SINGULAR * sizes[..., 0])
+    return np.where(lost, np.inf, sizes[..., 0] / np.where(lost, 1.0, sizes[..., -1]))
+
+
+def name_limit_faults(machine: MountedExechon, state: FloatArray) -> list[str]:
+    """What is beyond its limits at a state, in words."""
+    faults = []
+    for name, (low, high) in machine.limits.items():
+        value = float(state[machine.mechanism.index(name)])
+        if not low <= value <= high:
+            scale, unit = (1e3, "mm") if name in LENGTHS else (180.0 / np.pi, "deg")
+            faults.append(f"{name} would be {scale * value:.4g} {unit}, outside {scale * low:.4g} to {scale * high:.4g} {unit}")
+    return faults
+
+
+def _wrist_center(machine: MountedExechon, points: FloatArray, directions: FloatArray) -> FloatArray:
+    return (points - machine.dimensions.tool_length * directions - machine.mounting.origin) @ machine.mounting.rotation
+
+
+def _require_reach(machine: MountedExechon, center: FloatArray, place: str) -> None:
+    aside, distance = abs(machine.dimensions.wrist[0]), float(np.hypot(center[0], center[2]))
+    if distance < aside:
+        raise UnreachablePoseError(
+            f"{place}: the wrist centre would be {1e3 * distance:.4g} mm from the common axis of legs 1 and 2, and comes no closer than"
+            f" {1e3 * aside:.4g} mm"
+        )
+    if distance - aside <= SINGULAR:
+        raise SingularPoseError(f"{place}: the wrist centre is on the common axis of legs 1 and 2, whose plane may turn freely")
+
+
+def _plane_and_platform(dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly) -> tuple[FloatArray, FloatArray]:
+    distance = np.hypot(center[..., 0], center[..., 2])
+    near = distance - abs(dimensions.wrist[0]) <= SINGULAR
+    ratio = dimensions.wrist[0] / np.where(near, np.inf, distance)
+    lean = np.arcsin(ratio)
+    phi = wrap_angles(np.arctan2(center[..., 0], center[..., 2]) - (lean if assembly[0] > 0 else np.pi - lean))
+    outward = center[..., 0] * np.sin(phi) + center[..., 2] * np.cos(phi) - dimensions.base[2] * np.sin(phi)
+    free = np.hypot(center[..., 1], outward) <= SINGULAR
+    beta = -np.arctan2(center[..., 1], outward) if assembly[1] > 0 else wrap_angles(np.pi - np.arctan2(center[..., 1], outward))
+    return np.where(near, np.nan, phi), np.where(free, np.nan, beta)
+
+
+def _third_leg(arm: FloatArray, x_axis: FloatArray, y_axis: FloatArray) -> dict[str, FloatArray]:
+    length = np.sqrt((arm**2).sum(axis=-1))
+    x, y, z = (arm[..., i] / length for i in range(3))
+    a2 = np.where(np.hypot(y, z) > SINGULAR, np.arcsin(np.clip(x, -1.0, 1.0)), np.nan)
+    a1 = np.arctan2(-y, z)
+    # the platform's y axis, seen before the twist a3: (-sin a3, cos a3, 0)
+    first = np.stack([np.cos(a2), np.sin(a1) * np.sin(a2), -np.cos(a1) * np.sin(a2)], -1)
+    second = np.stack([np.zeros_like(a1), np.cos(a1), np.sin(a1)], -1)
+    a3 = np.arctan2(-(first * y_axis).sum(axis=-1), (second * y_axis).sum(axis=-1))
+    side = np.cos(a3)[..., None] * first + np.sin(a3)[..., None] * second
+    down = np.stack([x, y, z], -1)
+    ps3 = np.arctan2(-(down * x_axis).sum(axis=-1), (side * x_axis).sum(axis=-1))
+    return {"q3": length, "a1": a1, "a2": a2, "a3": a3, "ps3": ps3}

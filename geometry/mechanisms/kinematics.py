@@ -1,0 +1,216 @@
+"""Positions, Jacobians and bias accelerations of the marks of a mechanism, for one state or a batch of states at once.
+
+A chain is a product of elementary motions, as 4 x 4 matrices (Denavit and Hartenberg 1955, with one motion per factor). A column of
+a Jacobian is the unit twist of its joint (Whitney 1972); bias accelerations come by the outward recursion with zero joint
+accelerations (Featherstone 2008, ch. 5). Every function takes leading batch dimensions and complex numbers, for the complex step.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray, skew
+from headstock.geometry.mechanisms.mechanism import AXES, Mark, Mechanism, Step
+
+IndexArray = NDArray[np.intp]
+_SKEW = np.array([skew(axis).ravel() for axis in np.eye(3)])
+
+
+@dataclass(frozen=True, eq=False)
+class ChainLayout:
+    """A mechanism's chains as arrays; chains are padded to the same number of motions.
+
+    Attributes:
+        constant: ``(C, D, 4, 4)``: motion = constant + cosine cos v + sine sin v + linear v, fixed steps before it multiplied in.
+        cosine: ``(C, D, 4, 4)``.
+        sine: ``(C, D, 4, 4)``.
+        linear: ``(C, D, 4, 4)``.
+        source: ``(C, D)`` which coordinate drives a motion; the number of coordinates where none does.
+        amount: ``(C, D)`` fixed part of each motion.
+        direction: ``(C, D, 3)`` axis of each motion in its own frame, zero where there is none.
+        turns: ``(C, D)`` 1 for rotations, else 0.
+        mark_chain: ``(P,)`` chain of each mark; after the mechanism's marks comes the ground, as one more.
+        mark_depth: ``(P,)`` motions before each mark.
+        mark_local: ``(P, 4, 4)`` fixed steps between the last motion and the mark.
+        spread: ``(P, D, n)`` 1 where a motion on the way to a mark is driven by a coordinate.
+    """
+
+    constant: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    linear: FloatArray
+    source: IndexArray
+    amount: FloatArray
+    direction: FloatArray
+    turns: FloatArray
+    mark_chain: IndexArray
+    mark_depth: IndexArray
+    mark_local: FloatArray
+    spread: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a mechanism is in a state.
+
+    Attributes:
+        layout: The chains.
+        frames: ``(..., C, D + 1, 4, 4)`` frame after each motion.
+        axes: ``(..., C, D, 3)`` axis of each motion in the ground frame.
+        rotations: ``(..., P, 3, 3)`` orientation of each mark.
+        positions: ``(..., P, 3)`` origin of each mark [m].
+    """
+
+    layout: ChainLayout
+    frames: FloatArray
+    axes: FloatArray
+    rotations: FloatArray
+    positions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Bias:
+    """Velocities, and accelerations with zero joint accelerations, of every mark.
+
+    Attributes:
+        omega: ``(..., P, 3)`` angular velocity [rad/s].
+        velocity: ``(..., P, 3)`` of the origins [m/s].
+        alpha: ``(..., P, 3)`` angular bias acceleration [rad/s^2].
+        acceleration: ``(..., P, 3)`` bias acceleration of the origins [m/s^2].
+    """
+
+    omega: FloatArray
+    velocity: FloatArray
+    alpha: FloatArray
+    acceleration: FloatArray
+
+
+@lru_cache(maxsize=64)
+def chain_layout(mechanism: Mechanism) -> ChainLayout:
+    """The chains of a mechanism as arrays."""
+    count, depth = len(mechanism.chains), max(_motion_count(chain) for chain in mechanism.chains)
+    tensors = np.zeros((4, count, depth, 4, 4))
+    tensors[0] = np.eye(4)
+    source = np.full((count, depth), len(mechanism.coordinates), dtype=np.intp)
+    amount, turns, direction = np.zeros((count, depth)), np.zeros((count, depth)), np.zeros((count, depth, 3))
+    marks: list[tuple[int, int, FloatArray]] = []
+    for row, chain in enumerate(mechanism.chains):
+        fixed, level = np.eye(4), 0
+        for item in chain:
+            if isinstance(item, Mark):
+                marks.append((row, level, fixed))
+                continue
+            motion = _motion_tensors(item)
+            if item.coordinate is None:
+                fixed = fixed @ _motion_matrix(motion, item.amount)
+                continue
+            tensors[:, row, level] = fixed @ motion
+            source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
+            turns[row, level], direction[row, level] = item.kind == "turn", np.eye(3)[AXES.index(item.axis)]
+            fixed, level = np.eye(4), level + 1
+    # the ground, as a last mark without a name
+    marks.append((0, 0, np.eye(4)))
+    chains, depths = (np.array([mark[i] for mark in marks], dtype=np.intp) for i in (0, 1))
+    spread = np.eye(len(mechanism.coordinates) + 1)[source][..., :-1][chains]
+    spread = spread * (np.arange(depth) < depths[:, None])[..., None]
+    local = np.array([mark[2] for mark in marks])
+    constant, cosine, sine, linear = tensors
+    return ChainLayout(constant, cosine, sine, linear, source, amount, direction, turns, chains, depths, local, spread)
+
+
+def place_marks(mechanism: Mechanism, state: FloatArray) -> Placement:
+    """Frames of all motions and marks.
+
+    Args:
+        mechanism: With ``n`` coordinates.
+        state: ``(..., n)`` coordinates, in the mechanism's order.
+    """
+    layout = chain_layout(mechanism)
+    padded = np.concatenate([state, np.zeros((*state.shape[:-1], 1), state.dtype)], axis=-1)
+    value = (padded[..., layout.source] + layout.amount)[..., None, None]
+    steps = layout.constant + layout.cosine * np.cos(value) + layout.sine * np.sin(value) + layout.linear * value
+    frames = np.empty((*state.shape[:-1], len(layout.source), layout.source.shape[1] + 1, 4, 4), steps.dtype)
+    frames[..., 0, :, :] = np.eye(4)
+    for level in range(layout.source.shape[1]):
+        np.matmul(frames[..., level, :, :], steps[..., level, :, :], out=frames[..., level + 1, :, :])
+    axes = (frames[..., 1:, :3, :3] @ layout.direction[..., None])[..., 0]
+    marked = frames[..., layout.mark_chain, layout.mark_depth, :, :] @ layout.mark_local
+    return Placement(layout, frames, axes, marked[..., :3, :3], marked[..., :3, 3])
+
+
+def mark_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the marks' motion by the coordinates.
+
+    Returns:
+        Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular velocity per unit rate.
+    """
+    layout = placement.layout
+    axes = placement.axes.take(layout.mark_chain, axis=-3)
+    centers = placement.frames[..., 1:, :3, 3].take(layout.mark_chain, axis=-3)
+    turns = layout.turns[layout.mark_chain][..., None]
+    arms = placement.positions[..., :, None, :] - centers
+    columns = turns * cross(axes, arms) + (1.0 - turns) * axes
+    spread = layout.spread
+    return np.swapaxes(columns, -1, -2) @ spread, np.swapaxes(turns * axes, -1, -2) @ spread
+
+
+def mark_bias(placement: Placement, rates: FloatArray) -> Bias:
+    """Velocities and bias accelerations of all marks at given rates ``(..., n)`` of the coordinates."""
+    layout = placement.layout
+    padded = np.concatenate([rates, np.zeros((*rates.shape[:-1], 1), rates.dtype)], axis=-1)
+    twist = placement.axes * padded[..., layout.source][..., None]
+    turning, sliding = twist * layout.turns[..., None], twist * (1.0 - layout.turns[..., None])
+    omega = _running_sum(turning)
+    before = omega[..., :-1, :]
+    alpha = _running_sum(cross(before, turning))
+    origins = placement.frames[..., :3, 3]
+    step = origins[..., 1:, :] - origins[..., :-1, :]
+    swept = cross(before, step)
+    velocity = _running_sum(swept + sliding)
+    acceleration = _running_sum(cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding))
+    place = (..., layout.mark_chain, layout.mark_depth, slice(None))
+    omega, alpha = omega[place], alpha[place]
+    arms = placement.positions - origins[place]
+    lever = cross(omega, arms)
+    return Bias(omega, velocity[place] + lever, alpha, acceleration[place] + cross(alpha, arms) + cross(omega, lever))
+
+
+def cross(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Cross product of the last axes; several times faster than ``numpy.cross`` on small arrays."""
+    # written twice in a row, the three components of a cyclic product are slices
+    a, b = np.concatenate([first, first], axis=-1), np.concatenate([second, second], axis=-1)
+    return np.asarray(a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4])
+
+
+def skew_matrices(vectors: FloatArray) -> FloatArray:
+    """Matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
+    return np.asarray((vectors @ _SKEW).reshape(*vectors.shape, 3))
+
+
+def _running_sum(terms: FloatArray) -> FloatArray:
+    """Sums of the first 0, 1, ... terms along the second last axis."""
+    total = np.zeros((*terms.shape[:-2], terms.shape[-2] + 1, terms.shape[-1]), terms.dtype)
+    np.cumsum(terms, axis=-2, out=total[..., 1:, :])
+    return total
+
+
+def _motion_count(chain: tuple[Step | Mark, ...]) -> int:
+    return sum(isinstance(item, Step) and item.coordinate is not None for item in chain)
+
+
+def _motion_tensors(step: Step) -> FloatArray:
+    """``(4, 4, 4)``: constant, cosine, sine and linear part of an elementary motion."""
+    axis = np.eye(3)[AXES.index(step.axis)]
+    parts = np.zeros((4, 4, 4))
+    if step.kind == "shift":
+        parts[0], parts[3, :3, 3] = np.eye(4), axis
+        return parts
+    along = np.diag([*axis, 1.0])
+    parts[0], parts[1], parts[2, :3, :3] = along, np.eye(4) - along, skew(axis)
+    return parts
+
+
+def _motion_matrix(parts: FloatArray, value: float) -> FloatArray:
+    return np.asarray(np.einsum("i,ijk->jk", [1.0, np.cos(value), np.sin(value), value], parts))

@@ -1,0 +1,62 @@
+"""A closed-loop mechanism that carries components and is posed by its tool."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
+from headstock.geometry.mechanisms.exechon import MountedExechon, solve_tool_pose
+from headstock.geometry.mechanisms.kinematics import place_marks
+
+# the axes of a tool pose: place of the tool point, and turns of the tool about the machine's x and y
+TOOL_AXES = ("X", "Y", "Z", "A", "B")
+TOOL_POINT, TOOL_TURNS = TOOL_AXES[:3], TOOL_AXES[3:]
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMechanism:
+    """A mounted mechanism, its tool and what it carries.
+
+    Attributes:
+        mounted: Dimensions, place and limits.
+        tool: ``(3,)`` direction of the tool in the machine frame where a pose does not turn it.
+        carries: Component to the mark of the mechanism it is fixed to; its placement is relative to that mark.
+    """
+
+    mounted: MountedExechon
+    tool: FloatArray
+    carries: Mapping[str, str]
+
+
+def tool_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the tool about x, then about y."""
+    point = np.array([positions.get(axis, 0.0) for axis in TOOL_POINT])
+    direction = mechanism.tool
+    for axis, about in zip(TOOL_TURNS, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
+        direction = rotation_about(np.array(about), positions.get(axis, 0.0)) @ direction
+    return point, direction
+
+
+def solve_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> FloatArray:
+    """Coordinates ``(n,)`` of the mechanism in a pose.
+
+    Raises:
+        PoseError: The pose is out of reach, singular or beyond a joint's limits.
+    """
+    return solve_tool_pose(mechanism.mounted, *tool_pose(mechanism, positions))
+
+
+def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> dict[str, Frame]:
+    """Frame of the mark under every carried component in the machine frame, in a pose.
+
+    Raises:
+        PoseError: The pose is out of reach, singular or beyond a joint's limits.
+    """
+    known = mechanism.mounted.mechanism
+    placed = place_marks(known, solve_pose(mechanism, positions))
+    places = {name: known.marks.index(mark) for name, mark in mechanism.carries.items()}
+    return {
+        name: compose_frames(mechanism.mounted.mounting, Frame(placed.positions[place], placed.rotations[place]))
+        for name, place in places.items()
+    }

@@ -1,0 +1,178 @@
+"""Components of a machine and the interfaces at which they meet others."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from headstock.geometry.frames import Frame
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Solid
+
+Fidelity = Literal["rigid", "segmented", "elastic"]
+CouplingKind = Literal["rigid", "average"]
+CellShape = Literal["tet", "hex"]
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A part of a component's surface, chosen by geometry.
+
+    Attributes:
+        face: ``x- x+ y- y+ z- z+`` (the planar face(s) at that end of the bounding box), ``face:N`` (the N-th CAD face,
+            counted from 1 as ``show`` numbers them), ``outer`` / ``inner`` (curved faces of a tube) or ``set:NAME``
+            (a named surface set of an imported mesh).
+        shape: ``whole`` face, or a ``disk``, ``rect`` or ``strip`` imprinted on it.
+        center: Centre of the imprint in component coordinates [m]; its component along the face normal is ignored.
+        size: ``(diameter,)`` of a disk, ``(a, b)`` of a rect along the two in-plane axes in the order x y z without the
+            normal, ``(width,)`` of a strip that crosses the face.
+        along: In-plane axis a strip runs along (``x``, ``y`` or ``z``).
+    """
+
+    face: str
+    shape: Literal["whole", "disk", "rect", "strip"] = "whole"
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    size: tuple[float, ...] = ()
+    along: str | None = None
+
+
+@dataclass(frozen=True)
+class RailSettings:
+    """What makes an interface a rail: carriages hold on to it anywhere along an axis of the component.
+
+    Attributes:
+        along: Axis of the component the rail runs along.
+        stations: Control points of the cubic spline that its motion is fitted by, four dofs each.
+    """
+
+    along: Literal["x", "y", "z"]
+    stations: int
+
+
+@dataclass(frozen=True)
+class Interface:
+    """An area of a component with a 6-dof frame at its centroid, axes parallel to the component's.
+
+    Attributes:
+        name: Name within the component.
+        patches: One or several patches that together make up the area.
+        coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
+        force: Accept a point- or line-like patch although its compliance depends on the mesh.
+        rail: Carriages slide along it; None for a fixed interface.
+    """
+
+    name: str
+    patches: tuple[Patch, ...]
+    coupling: CouplingKind = "rigid"
+    force: bool = False
+    rail: RailSettings | None = None
+
+
+@dataclass(frozen=True)
+class MeshSettings:
+    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell shape.
+
+    ``across_patches`` is the least number of elements across a patch that is imprinted on a face. ``force`` accepts elements of order 1
+    where they lock so much that they are refused otherwise. With a ``growth`` elements grow from the rims of such patches by that share
+    of the distance; without one, evenly up to the next edge of the face. ``rim_size`` is their size at the rims of rigid interfaces [m],
+    whole faces included, where stresses are singular.
+    """
+
+    size: float | None = None
+    order: int = 2
+    cells: CellShape = "tet"
+    force: bool = False
+    across_patches: int = 4
+    growth: float | None = None
+    rim_size: float | None = None
+    smallest: float | None = None
+
+
+@dataclass(frozen=True)
+class ReductionSettings:
+    """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever are fewer.
+
+    With neither the planner decides. With ``verify`` a second factorisation counts the modes (Sturm), so that none can be missing.
+    """
+
+    modes_to_hz: float | None = None
+    modes: int | None = None
+    verify: bool = False
+
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """Into how many rigid segments a component is cut, and along which of its axes (None: the longest side)."""
+
+    count: int = 10
+    along: Literal["x", "y", "z"] | None = None
+
+
+@dataclass(frozen=True)
+class Support:
+    """Pointwise support of whole patches of one component.
+
+    Attributes:
+        name: Name in the scene.
+        component: Component name.
+        patches: Supported area.
+        directions: Fixed displacement directions in the component's axes, a subset of ``x y z``.
+    """
+
+    name: str
+    component: str
+    patches: tuple[Patch, ...]
+    directions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A static load on one component, in the machine frame's axes.
+
+    Attributes:
+        name: Name in the scene.
+        component: Component name.
+        kind: ``traction`` [Pa] (uniform over patches, ``vector``), ``pressure`` [Pa] (along the inward normal,
+            ``magnitude``), ``body`` [m/s^2 acceleration field, ``vector``], ``force`` [N, N m] at an interface (``vector`` of 6).
+        patches: Loaded area for traction and pressure.
+        interface: Interface name for ``force``.
+        vector: Components of the load.
+        magnitude: Pressure [Pa].
+    """
+
+    name: str
+    component: str
+    kind: Literal["traction", "pressure", "body", "force"]
+    patches: tuple[Patch, ...] = ()
+    interface: str | None = None
+    vector: tuple[float, ...] = ()
+    magnitude: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One body of a machine.
+
+    Attributes:
+        name: Name in the scene.
+        solid: Its shape in its own frame.
+        material: Its material.
+        placement: Its own frame in the machine frame at zero axis positions.
+        interfaces: By name.
+        fidelity: ``rigid``, ``segmented`` or ``elastic``.
+        mesh: Mesh settings.
+        reduction: Which fixed-interface modes to keep.
+        segments: How a segmented component is cut.
+        mass: Overrides the solid's mass [kg]: the density is scaled so that the mass comes out.
+        free: Declared free-floating: a missing connection to ground is not an error.
+    """
+
+    name: str
+    solid: Solid
+    material: Material
+    placement: Frame = field(default_factory=Frame)
+    interfaces: dict[str, Interface] = field(default_factory=dict)
+    fidelity: Fidelity = "elastic"
+    mesh: MeshSettings = field(default_factory=MeshSettings)
+    reduction: ReductionSettings = field(default_factory=ReductionSettings)
+    mass: float | None = None
+    free: bool = False
+    segments: SegmentSettings = field(default_factory=SegmentSettings)

@@ -1,0 +1,160 @@
+"""Volume, centre and inertia of solids, and area and centroid of their interfaces, in closed form."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Interface, Patch
+from headstock.geometry.parts.patches import (
+    FACE_DIRECTIONS,
+    PlanarFace,
+    PlanarSolid,
+    SignedBox,
+    in_plane_axes,
+    named_planar_face,
+    patch_rects,
+    planar_boxes,
+    rect_union,
+)
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+
+AreaMoment = tuple[float, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class SolidProperties:
+    """What a rigid body needs to know of a solid, in the component frame and for unit density.
+
+    Attributes:
+        volume: [m^3].
+        center: ``(3,)`` centre of volume [m].
+        inertia: ``(3, 3)`` about the centre for unit density [m^5].
+        patch_areas: Area of each interface [m^2].
+        patch_centroids: Centroid ``(3,)`` of each interface [m].
+    """
+
+    volume: float
+    center: FloatArray
+    inertia: FloatArray
+    patch_areas: dict[str, float] = field(default_factory=dict)
+    patch_centroids: dict[str, FloatArray] = field(default_factory=dict)
+
+
+def closed_form_properties(component: Component) -> SolidProperties | None:
+    """Properties of a component whose solid and interfaces have a closed form; None where a CAD kernel is needed."""
+    solid = component.solid
+    if isinstance(solid, Tube):
+        volume, center, inertia = tube_properties(solid)
+    elif isinstance(solid, Box | Plate) or (isinstance(solid, HollowColumn) and solid.core_hole == 0.0):
+        volume, center, inertia = box_sum_properties(planar_boxes(solid))
+    else:
+        return None
+    areas: dict[str, float] = {}
+    centroids: dict[str, FloatArray] = {}
+    for name, interface in component.interfaces.items():
+        moment = interface_moment(solid, interface)
+        if moment is None:
+            return None
+        areas[name], centroids[name] = moment
+    return SolidProperties(volume, center, inertia, areas, centroids)
+
+
+def solid_volume(solid: PlanarSolid | Tube) -> float:
+    """Volume of a parametric solid [m^3]; core holes are not taken off."""
+    if isinstance(solid, Tube):
+        return tube_properties(solid)[0]
+    return box_sum_properties(planar_boxes(solid))[0]
+
+
+def box_sum_properties(boxes: list[SignedBox]) -> tuple[float, FloatArray, FloatArray]:
+    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it [m^5] of a signed sum of boxes."""
+    signs = np.array([sign for sign, _, _ in boxes])
+    low = np.array([low for _, low, _ in boxes])
+    high = np.array([high for _, _, high in boxes])
+    volumes = signs * np.prod(high - low, axis=1)
+    centers = (low + high) / 2
+    volume = float(volumes.sum())
+    center = volumes @ centers / volume
+    arms = centers - center
+    moments = np.einsum("n,ni,nj->ij", volumes, arms, arms) + np.diag(volumes @ (high - low) ** 2 / 12)
+    return volume, center, np.trace(moments) * np.eye(3) - moments
+
+
+def tube_properties(tube: Tube) -> tuple[float, FloatArray, FloatArray]:
+    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it [m^5] of a hollow cylinder."""
+    outer, inner, length = tube.outer_diameter / 2, tube.inner_diameter / 2, tube.length
+    volume = np.pi * (outer**2 - inner**2) * length
+    polar = volume * (outer**2 + inner**2) / 2
+    across = polar / 2 + volume * length**2 / 12
+    return float(volume), np.array([0.0, 0.0, length / 2]), np.diag([across, across, polar])
+
+
+def interface_moment(solid: PlanarSolid | Tube, interface: Interface) -> AreaMoment | None:
+    """Area [m^2] and centroid ``(3,)`` [m] of an interface; None where there is no closed form."""
+    parts = _tube_parts(solid, interface.patches) if isinstance(solid, Tube) else _planar_parts(solid, interface.patches)
+    if not parts:
+        return None
+    area = sum(part for part, _ in parts)
+    return area, np.asarray(sum(part * centroid for part, centroid in parts) / area)
+
+
+def _tube_parts(tube: Tube, patches: tuple[Patch, ...]) -> list[AreaMoment] | None:
+    if any(patch.shape != "whole" for patch in patches):
+        return None
+    ring = np.pi * (tube.outer_diameter**2 - tube.inner_diameter**2) / 4
+    middle = np.array([0.0, 0.0, tube.length / 2])
+    known: dict[str, AreaMoment] = {
+        "z-": (ring, np.zeros(3)),
+        "z+": (ring, np.array([0.0, 0.0, tube.length])),
+        "outer": (np.pi * tube.outer_diameter * tube.length, middle),
+    }
+    if tube.inner_diameter > 0.0:
+        known["inner"] = (np.pi * tube.inner_diameter * tube.length, middle)
+    faces = dict.fromkeys(patch.face for patch in patches)  # a face named twice counts once
+    if any(face not in known for face in faces):
+        return None
+    return [known[face] for face in faces]
+
+
+def _planar_parts(solid: PlanarSolid, patches: tuple[Patch, ...]) -> list[AreaMoment] | None:
+    parts: list[AreaMoment] = []
+    for name in dict.fromkeys(patch.face for patch in patches):
+        face = named_planar_face(solid, name)
+        if face is None or name not in FACE_DIRECTIONS:
+            return None
+        part = _face_part(face, [patch for patch in patches if patch.face == name])
+        if part is None:
+            return None
+        parts.append(part)
+    return parts
+
+
+def _face_part(face: PlanarFace, patches: list[Patch]) -> AreaMoment | None:
+    """Area and centroid of the union of patches on one face."""
+    first, second = in_plane_axes(face.axis)
+    if len(patches) == 1 and patches[0].shape == "disk":
+        return _disk_part(face, patches[0])
+    rects = [patch_rects(face, patch) for patch in patches]
+    if any(r is None for r in rects):
+        return None  # disks among others: their overlap is left to the CAD kernel
+    pieces = np.array(rect_union([rect for group in rects if group is not None for rect in group]))
+    if not len(pieces):
+        return None
+    areas = (pieces[:, 1] - pieces[:, 0]) * (pieces[:, 3] - pieces[:, 2])
+    centroid = np.zeros(3)
+    centroid[face.axis] = face.position
+    centroid[first] = areas @ (pieces[:, 0] + pieces[:, 1]) / (2 * areas.sum())
+    centroid[second] = areas @ (pieces[:, 2] + pieces[:, 3]) / (2 * areas.sum())
+    return float(areas.sum()), centroid
+
+
+def _disk_part(face: PlanarFace, patch: Patch) -> AreaMoment | None:
+    first, second = in_plane_axes(face.axis)
+    radius = patch.size[0] / 2
+    a, b = patch.center[first], patch.center[second]
+    if not any(r[0] <= a - radius and a + radius <= r[1] and r[2] <= b - radius and b + radius <= r[3] for r in face.rects):
+        return None
+    centroid = np.zeros(3)
+    centroid[face.axis], centroid[first], centroid[second] = face.position, a, b
+    return float(np.pi * radius**2), centroid

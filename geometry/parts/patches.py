@@ -1,0 +1,137 @@
+"""Faces of planar solids and the areas of patches on them, in closed form."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate
+
+PlanarSolid = Box | Plate | HollowColumn
+Span = tuple[float, float]
+Rect = tuple[float, float, float, float]
+SignedBox = tuple[float, FloatArray, FloatArray]
+FACE_DIRECTIONS: dict[str, tuple[int, float]] = {
+    "x-": (0, -1.0), "x+": (0, 1.0), "y-": (1, -1.0), "y+": (1, 1.0), "z-": (2, -1.0), "z+": (2, 1.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PlanarFace:
+    """An axis-parallel face made of rectangles.
+
+    Attributes:
+        axis: Normal axis, 0..2.
+        position: Place of the plane along that axis [m].
+        rects: ``(a_low, a_high, b_low, b_high)`` along the two in-plane axes in the order x y z [m]; they may overlap.
+    """
+
+    axis: int
+    position: float
+    rects: tuple[Rect, ...]
+
+
+def in_plane_axes(axis: int) -> tuple[int, int]:
+    """The other two axes in the order x y z."""
+    first, second = (i for i in range(3) if i != axis)
+    return first, second
+
+
+def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
+    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and ``high`` [m]."""
+    gap = (high - low - count * thickness) / (count + 1)
+    starts = [low + gap * (k + 1) + thickness * k for k in range(count)]
+    return [(start, start + thickness) for start in starts]
+
+
+def clear_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
+    """The clear gaps that ``rib_spans`` leaves [m]."""
+    ribs = rib_spans(count, thickness, low, high)
+    edges = [low, *(edge for rib in ribs for edge in rib), high]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def column_cells(column: HollowColumn) -> tuple[list[Span], list[Span], list[Span]]:
+    """Clear spans of a column's cells along x, y and z [m]."""
+    x, y, z = (float(s) for s in column.size)
+    return (
+        clear_spans(column.ribs_x, column.rib, -x / 2 + column.wall, x / 2 - column.wall),
+        clear_spans(column.ribs_y, column.rib, -y / 2 + column.wall, y / 2 - column.wall),
+        clear_spans(column.ribs_z, column.rib, column.cap, z - column.cap),
+    )
+
+
+def planar_boxes(solid: PlanarSolid) -> list[SignedBox]:
+    """Boxes whose signed sum is the solid (core holes left out): ``(sign, low (3,), high (3,))`` [m]."""
+    x, y, z = (float(s) for s in solid.size)
+    body = (1.0, np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z]))
+    if isinstance(solid, HollowColumn):
+        cells = column_cells(solid)
+        return [body] + [
+            (-1.0, np.array([a[0], b[0], c[0]]), np.array([a[1], b[1], c[1]])) for a in cells[0] for b in cells[1] for c in cells[2]
+        ]
+    if isinstance(solid, Plate) and solid.rib_height > 0.0:
+        top = z + solid.rib_height
+        along_x = rib_spans(solid.ribs_x, solid.rib_thickness, -y / 2, y / 2)
+        along_y = rib_spans(solid.ribs_y, solid.rib_thickness, -x / 2, x / 2)
+        ribs = [(1.0, np.array([-x / 2, low, z]), np.array([x / 2, high, top])) for low, high in along_x]
+        ribs += [(1.0, np.array([low, -y / 2, z]), np.array([high, y / 2, top])) for low, high in along_y]
+        shared = [(-1.0, np.array([c, a, z]), np.array([d, b, top])) for a, b in along_x for c, d in along_y]
+        return [body, *ribs, *shared]
+    return [body]
+
+
+def named_planar_face(solid: PlanarSolid, face: str) -> PlanarFace | None:
+    """The face(s) ``x- .. z+`` at that end of the bounding box, core holes left out; None for any other name."""
+    if face not in FACE_DIRECTIONS:
+        return None
+    axis, sign = FACE_DIRECTIONS[face]
+    first, second = in_plane_axes(axis)
+    solids = [(low, high) for factor, low, high in planar_boxes(solid) if factor > 0.0]
+    position = max(high[axis] for _, high in solids) if sign > 0.0 else min(low[axis] for low, _ in solids)
+    rects = [
+        (low[first], high[first], low[second], high[second])
+        for low, high in solids
+        if (high if sign > 0.0 else low)[axis] == position
+    ]
+    return PlanarFace(axis, float(position), tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in rects))
+
+
+def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
+    """Rectangles of a whole, rect or strip patch, cut to its face (they may overlap); None for a disk."""
+    if patch.shape == "whole":
+        return list(face.rects)
+    if patch.shape == "disk":
+        return None
+    window = imprint_window(face.axis, patch)
+    cut = [
+        (max(r[0], window[0]), min(r[1], window[1]), max(r[2], window[2]), min(r[3], window[3]))
+        for r in face.rects
+    ]  # fmt: skip
+    return [r for r in cut if r[0] < r[1] and r[2] < r[3]]
+
+
+def imprint_window(axis: int, patch: Patch) -> Rect:
+    """In-plane extent of a rect or strip on a face with the given normal axis; a strip is endless along its own axis."""
+    first, second = in_plane_axes(axis)
+    a, b = patch.center[first], patch.center[second]
+    if patch.shape == "strip":
+        half = patch.size[0] / 2
+        if patch.along == "xyz"[first]:
+            return (-np.inf, np.inf, b - half, b + half)
+        return (a - half, a + half, -np.inf, np.inf)
+    return (a - patch.size[0] / 2, a + patch.size[0] / 2, b - patch.size[1] / 2, b + patch.size[1] / 2)
+
+
+def rect_union(rects: list[Rect]) -> list[Rect]:
+    """Disjoint rectangles that cover the same area as ``rects``, by coordinate compression."""
+    a_edges = sorted({edge for r in rects for edge in r[:2]})
+    b_edges = sorted({edge for r in rects for edge in r[2:]})
+    return [
+        (a0, a1, b0, b1)
+        for a0, a1 in pairwise(a_edges)
+        for b0, b1 in pairwise(b_edges)
+        if any(r[0] <= a0 and a1 <= r[1] and r[2] <= b0 and b1 <= r[3] for r in rects)
+    ]

@@ -1,0 +1,67 @@
+"""Curved solids made with OpenCASCADE and written as STEP: parts on which error estimates are tried.
+
+``python3 -m headstock.meshing.cad.curved_samples KIND SIZES_AS_JSON FILE`` (a child process: gmsh holds one model at a time).
+"""
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+
+import gmsh
+
+from headstock.meshing.cad.meshing import open_kernel
+
+Sizes = Mapping[str, float]  # [mm]
+
+
+def _ball(sizes: Sizes) -> None:
+    """A ball between two parallel flats."""
+    occ, radius, height = gmsh.model.occ, sizes["radius"], sizes["height"]
+    ball = occ.addSphere(0, 0, 0, radius)
+    occ.intersect([(3, ball)], [(3, occ.addBox(-radius, -radius, -height / 2, 2 * radius, 2 * radius, height))])
+
+
+def _cone(sizes: Sizes) -> None:
+    """A truncated cone with a bore."""
+    occ, height = gmsh.model.occ, sizes["height"]
+    body = occ.addCone(0, 0, 0, 0, 0, height, sizes["radius"], sizes["top"])
+    occ.cut([(3, body)], [(3, occ.addCylinder(0, 0, 0, 0, 0, height, sizes["bore"]))])
+
+
+def _elbow(sizes: Sizes) -> None:
+    """A quarter of a ring of pipe."""
+    occ, bend = gmsh.model.occ, sizes["bend"]
+    outer, inner = (occ.addDisk(bend, 0, 0, radius, radius) for radius in (sizes["radius"], sizes["bore"]))
+    ring, _ = occ.cut([(2, outer)], [(2, inner)])
+    occ.revolve(ring, 0, 0, 0, 0, 1, 0, 1.5707963267948966)
+    occ.remove(ring, recursive=True)
+
+
+def _block(sizes: Sizes) -> None:
+    """A block with rounded upright edges and a cross bore."""
+    occ, x, y, z = gmsh.model.occ, sizes["x"], sizes["y"], sizes["z"]
+    body = occ.addBox(-x / 2, -y / 2, 0, x, y, z)
+    occ.cut([(3, body)], [(3, occ.addCylinder(-x, 0, sizes["hole_z"], 2 * x, 0, 0, sizes["bore"]))])
+    occ.synchronize()
+    upright = []
+    for _, edge in gmsh.model.getEntities(1):
+        low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(1, edge)
+        corner = min(abs(low_x - x / 2), abs(low_x + x / 2)) < 1e-3 and min(abs(low_y - y / 2), abs(low_y + y / 2)) < 1e-3
+        if corner and high_x - low_x < 1e-3 and high_y - low_y < 1e-3 and high_z - low_z > 0.9 * z:
+            upright.append(edge)
+    occ.fillet([gmsh.model.getEntities(3)[0][1]], upright, [sizes["fillet"]])
+
+
+SAMPLES: dict[str, Callable[[Sizes], None]] = {"ball": _ball, "cone": _cone, "elbow": _elbow, "block": _block}
+
+
+def write_sample(kind: str, sizes: Sizes, path: str) -> None:
+    """Write one solid as a STEP file."""
+    with open_kernel():
+        SAMPLES[kind](sizes)
+        gmsh.model.occ.synchronize()
+        gmsh.write(path)
+
+
+if __name__ == "__main__":
+    write_sample(sys.argv[1], json.loads(sys.argv[2]), sys.argv[3])

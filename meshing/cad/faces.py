@@ -1,0 +1,92 @@
+"""Lists and triangulates the faces of a CAD shape (runs in the child process)."""
+
+import dataclasses
+from typing import Any
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.cad_faces import CadFace, FaceKind, Vector, fit_cylinder
+from headstock.meshing.cad.meshing import TRIANGLE, boundary_faces, open_kernel, read_solid, shape_bounds
+from headstock.meshing.cad.shapes import build_shape
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.process.job import MeshData, MeshJob
+
+KINDS: dict[str, FaceKind] = {"Plane": "plane", "Cylinder": "cylinder", "Cone": "cone", "Sphere": "sphere", "Torus": "torus"}
+COARSEST, FINEST, TURNS = 12.0, 120.0, 12.0
+
+
+def survey_shape(job: MeshJob) -> MeshData:
+    """List the faces of a shape and triangulate them as for a picture.
+
+    Returns:
+        Points, one facet group ``face:N`` per face (outward; empty where a face could not be meshed) and ``faces``.
+    """
+    with open_kernel():
+        volume = build_shape(read_solid(job))
+        low, high = shape_bounds(volume)
+        extent = float((high - low).max())
+        for name, value in (("Max", extent / COARSEST), ("Min", extent / FINEST), ("FromCurvature", TURNS)):
+            gmsh.option.setNumber(f"Mesh.MeshSize{name}", value)
+        try:
+            gmsh.model.mesh.generate(2)
+        except Exception as error:  # gmsh raises the bare class; faces that did mesh can still be shown
+            gmsh.logger.write(str(error), "warning")
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
+        row[tags] = np.arange(len(tags))
+        points = coordinates.reshape(-1, 3)
+        facets: dict[str, IntArray] = {}
+        faces: list[dict[str, Any]] = []
+        for number, tag in enumerate(boundary_faces(volume), 1):
+            _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1], tag)
+            facets[f"face:{number}"] = row[nodes].reshape(-1, 3)
+            faces.append(dataclasses.asdict(_describe_face(number, tag, points, facets[f"face:{number}"])))
+        return MeshData(points, np.zeros((0, 4), dtype=np.int64), None, facets, faces=faces)
+
+
+def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) -> CadFace:
+    box = np.array(gmsh.model.occ.getBoundingBox(2, tag))
+    face = CadFace(
+        number=number,
+        kind=KINDS.get(gmsh.model.getType(2, tag), "freeform"),
+        area=float(gmsh.model.occ.getMass(2, tag)),
+        center=_vector(np.array(gmsh.model.occ.getCenterOfMass(2, tag))),
+        normal=(0.0, 0.0, 0.0),
+        low=_vector(box[:3]),
+        high=_vector(box[3:]),
+    )
+    if not len(facets):
+        return face
+    corners = points[facets]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(crosses, axis=1)
+    sound = lengths > 1e-9 * lengths.max()
+    normals = crosses[sound] / lengths[sound, None]
+    largest = int(np.argmax(lengths[sound]))
+    face = dataclasses.replace(face, normal=_vector(normals[largest]))
+    if face.kind != "cylinder":
+        return face
+    axis, place, radius = fit_cylinder(points[np.unique(facets)], _exact_normals(tag))
+    outwards = corners[sound][largest].mean(axis=0) - place
+    along = points[np.unique(facets)] @ axis
+    return dataclasses.replace(
+        face,
+        radius=radius,
+        axis=_vector(axis),
+        axis_point=_vector(place),
+        span=(float(along.min()), float(along.max())),
+        hollow=bool(outwards @ normals[largest] < 0.0),
+    )
+
+
+def _exact_normals(tag: int) -> FloatArray:
+    """Unit normals ``(n, 3)`` of a surface at its mesh nodes, in either direction."""
+    _, _, parameters = gmsh.model.mesh.getNodes(2, tag, includeBoundary=True, returnParametricCoord=True)
+    return np.array(gmsh.model.getNormal(tag, parameters)).reshape(-1, 3)
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

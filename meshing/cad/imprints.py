@@ -1,0 +1,277 @@
+"""Patches on the faces of a CAD shape: choosing faces, imprinting disks, rects and strips, and where they end up."""
+
+from dataclasses import dataclass
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.solids import Tube
+from headstock.meshing.errors import MeshError
+
+END_TOLERANCE = 1e-6
+BOX_TOLERANCE = 1e-3
+NORMAL_TOLERANCE = 1e-6
+IMPRINT_TOLERANCE = 1e-4
+LEAST_POLYGON = 12
+
+
+@dataclass(frozen=True, eq=False)
+class OpenShape:
+    """A volume in the open gmsh model.
+
+    Attributes:
+        volume: Its tag.
+        solid: The solid it was built from.
+        faces: Tags of its faces in the order in which ``face:N`` counts them.
+        low: Lower corner ``(3,)`` of the bounding box.
+        high: Upper corner ``(3,)`` of the bounding box.
+        size: Element size.
+        unit: Length of the model's unit [m], for messages.
+        across: Elements across an imprint.
+        refinement: How many times finer than that imprints are meshed.
+        polygons: Imprint disks as regular polygons of equal area, so that straight-sided elements keep the area.
+    """
+
+    volume: int
+    solid: object
+    faces: tuple[int, ...]
+    low: FloatArray
+    high: FloatArray
+    size: float
+    unit: float
+    across: int
+    refinement: float
+    polygons: bool
+
+    @property
+    def extent(self) -> float:
+        """Longest side of the bounding box."""
+        return float((self.high - self.low).max())
+
+
+@dataclass(frozen=True)
+class Imprints:
+    """Where patches ended up.
+
+    Attributes:
+        faces: Face tags of each group.
+        sizes: Element size on each face that was imprinted.
+    """
+
+    faces: dict[str, list[int]]
+    sizes: dict[int, float]
+
+
+def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprints:
+    """Imprint every patch on the shape.
+
+    Overlapping patches share the faces of their overlap. Imprints get points with a mesh size that puts at least two elements
+    across them.
+
+    Raises:
+        MeshError: A patch names no face or lies outside its face.
+    """
+    inputs: dict[str, list[int]] = {}
+    widths: dict[int, float] = {}
+    struck: set[int] = set()
+    for name, patches in groups.items():
+        inputs[name] = []
+        for patch in patches:
+            try:
+                faces = choose_faces(shape, patch.face)
+                if patch.shape != "whole":
+                    pieces = _cut_pieces(shape, faces, patch)
+                    struck |= set(pieces.values())
+                    widths |= dict.fromkeys(pieces, min(patch.size))
+                    faces = list(pieces)
+            except MeshError as error:
+                raise MeshError(f"{name}: {error}") from error
+            inputs[name] += faces
+    wanted = {tag for tags in inputs.values() for tag in tags}
+    children = _fragment_faces(shape, sorted(wanted & (struck | set(widths))), sorted(wanted - struck - set(widths)))
+    sizes: dict[int, float] = {}
+    for tag, width in widths.items():
+        size = min(width / (shape.across * shape.refinement), shape.size)
+        _refine(children[tag], size)
+        sizes |= {child: min(size, sizes.get(child, size)) for child in children[tag]}
+    return Imprints({name: sorted({child for tag in tags for child in children[tag]}) for name, tags in inputs.items()}, sizes)
+
+
+def _refine(faces: list[int], size: float) -> None:
+    """Give the corner points of faces a mesh size unless they have a smaller one."""
+    for corner in gmsh.model.getBoundary([(2, face) for face in faces], combined=False, oriented=False, recursive=True):
+        sizes = gmsh.model.mesh.getSizes([corner])
+        if not len(sizes) or sizes[0] == 0.0 or size < sizes[0]:
+            gmsh.model.mesh.setSize([corner], size)
+
+
+def choose_faces(shape: OpenShape, face: str) -> list[int]:
+    """Tags of the faces a name selects.
+
+    Raises:
+        MeshError: There is no such face; the message lists what there is.
+    """
+    if face in FACE_DIRECTIONS:
+        found = _end_faces(shape, face)
+    elif face.startswith("face:"):
+        number = face.removeprefix("face:")
+        if not number.isdigit() or not 1 <= int(number) <= len(shape.faces):
+            raise MeshError(f"there is no {face!r}; CAD faces are face:1 .. face:{len(shape.faces)}")
+        found = [shape.faces[int(number) - 1]]
+    elif face in ("outer", "inner") and isinstance(shape.solid, Tube):
+        round_faces = [tag for tag in shape.faces if gmsh.model.getType(2, tag) == "Cylinder"]
+        round_faces.sort(key=lambda tag: float(gmsh.model.occ.getMass(2, tag)))
+        found = round_faces[-1:] if face == "outer" else round_faces[:-1]
+    else:
+        found = []
+    if not found:
+        raise MeshError(f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}")
+    return found
+
+
+def available_faces(shape: OpenShape) -> list[str]:
+    """Names of the faces that a patch may lie on."""
+    names = [name for name in FACE_DIRECTIONS if _end_faces(shape, name)]
+    if isinstance(shape.solid, Tube):
+        names += ["outer", "inner"] if shape.solid.inner_diameter > 0.0 else ["outer"]
+    return [*names, f"face:1 .. face:{len(shape.faces)}"]
+
+
+def plane_normal(face: int) -> FloatArray | None:
+    """Unit normal ``(3,)`` of a plane face, in either direction; None for a curved one."""
+    if gmsh.model.getType(2, face) != "Plane":
+        return None
+    low, _ = gmsh.model.getParametrizationBounds(2, face)
+    return np.array(gmsh.model.getNormal(face, list(low)))
+
+
+def _end_faces(shape: OpenShape, name: str) -> list[int]:
+    axis, sign = FACE_DIRECTIONS[name]
+    end = shape.high[axis] if sign > 0.0 else shape.low[axis]
+    places: dict[int, float] = {}
+    for tag in set(shape.faces) & {face for _, face in gmsh.model.getEntities(2)}:  # narrow ones may be left out
+        normal = plane_normal(tag)
+        if normal is not None and abs(normal[axis]) > 1.0 - NORMAL_TOLERANCE:
+            places[tag] = float(gmsh.model.occ.getCenterOfMass(2, tag)[axis])
+    if not places:
+        return []
+    outermost = max(places.values(), key=lambda place: sign * place)
+    if abs(outermost - end) > BOX_TOLERANCE * shape.extent:
+        return []
+    return [tag for tag, place in places.items() if abs(place - outermost) <= END_TOLERANCE * shape.extent]
+
+
+def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, int]:
+    """Trimmed copies of the faces inside the imprint, each with the face it was cut from."""
+    nearest = min(faces, key=lambda tag: _closest_point(tag, patch)[1])
+    tool = _imprint_tool(shape, nearest, patch)
+    occ = gmsh.model.occ
+    found: dict[int, int] = {}
+    for face in faces:
+        pieces, _ = occ.intersect([(2, face)], [(3, tool)], removeObject=False, removeTool=False)
+        found |= {int(tag): face for dim, tag in pieces if dim == 2}
+    occ.remove([(3, tool)], recursive=True)
+    if not found:
+        center, low, high = (
+            ", ".join(f"{value * shape.unit:.5g}" for value in values) for values in (patch.center, shape.low, shape.high)
+        )
+        raise MeshError(
+            f"the {patch.shape} around ({center}) m does not touch face {patch.face!r}; the solid spans ({low}) .. ({high}) m"
+        )
+    return found
+
+
+def _closest_point(face: int, patch: Patch) -> tuple[FloatArray, float]:
+    point, _ = gmsh.model.getClosestPoint(2, face, list(patch.center))
+    return np.array(point), float(np.linalg.norm(np.array(point) - np.array(patch.center)))
+
+
+def _imprint_tool(shape: OpenShape, face: int, patch: Patch) -> int:
+    """A prism or cylinder across a face, cut from the tangent plane at the point nearest to the patch's centre."""
+    normal = plane_normal(face)
+    center = np.array(patch.center)
+    if normal is None:
+        center, _ = _closest_point(face, patch)
+        # gmsh 4.13 returns no parameters from getClosestPoint
+        normal = np.array(gmsh.model.getNormal(face, list(gmsh.model.getParametrization(2, face, list(center)))))
+    else:
+        origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
+        center = center - ((center - origin) @ normal) * normal
+    depth = max(patch.size) * normal
+    if patch.shape == "disk" and not shape.polygons:
+        tool = gmsh.model.occ.addCylinder(*(center - depth), *(2 * depth), patch.size[0] / 2)
+        gmsh.model.occ.synchronize()
+        return int(tool)
+    first, second = _plane_axes(normal)
+    outline = _outline(shape, patch, first, second)
+    corners = center - depth + outline[:, :1] * first + outline[:, 1:] * second
+    return _prism(corners, 2 * depth)
+
+
+def _plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The two global axes that lie most in the plane, in the order x y z, made orthonormal within it."""
+    first, second = (axis for axis in range(3) if axis != int(np.argmax(np.abs(normal))))
+    a = np.eye(3)[first] - normal[first] * normal
+    a /= np.linalg.norm(a)
+    b = np.eye(3)[second] - normal[second] * normal
+    b -= (b @ a) * a
+    return a, b / np.linalg.norm(b)
+
+
+def _outline(shape: OpenShape, patch: Patch, first: FloatArray, second: FloatArray) -> FloatArray:
+    """In-plane corners ``(n, 2)`` of an imprint around its centre."""
+    if patch.shape == "disk":
+        count = 4 * int(np.ceil(max(LEAST_POLYGON, np.pi * patch.size[0] / shape.size) / 4))
+        angles = 2 * np.pi * (np.arange(count) + 0.5) / count
+        # circumradius of the regular polygon with the disk's area
+        radius = patch.size[0] / 2 * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
+        return np.asarray(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    half = np.array(patch.size) / 2
+    if patch.shape == "strip":
+        reach = 2.0 * shape.extent + float(np.linalg.norm(patch.center))
+        along = np.eye(3)["xyz".index(patch.along)] if patch.along in ("x", "y", "z") else None
+        if along is None or max(abs(along @ first), abs(along @ second)) < 0.5:
+            raise MeshError(f"a strip on face {patch.face!r} needs 'along' set to an axis in that face, not {patch.along!r}")
+        runs_first = abs(along @ first) >= abs(along @ second)
+        half = np.array([reach, half[0]]) if runs_first else np.array([half[0], reach])
+    return np.asarray(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half, dtype=float)
+
+
+def _prism(corners: FloatArray, sweep: FloatArray) -> int:
+    occ = gmsh.model.occ
+    points = [occ.addPoint(*corner) for corner in corners]
+    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    base = occ.addPlaneSurface([occ.addWire(lines)])
+    swept = occ.extrude([(2, base)], *sweep)
+    occ.synchronize()
+    return int(next(tag for dim, tag in swept if dim == 3))
+
+
+def _fragment_faces(shape: OpenShape, pieces: list[int], untouched: list[int]) -> dict[int, list[int]]:
+    """Split the volume's faces by the pieces; what each piece and each untouched face became."""
+    if not pieces:
+        return {tag: [tag] for tag in untouched}
+    occ = gmsh.model.occ
+    areas = {tag: float(occ.getMass(2, tag)) for tag in [*pieces, *untouched]}
+    middles = {tag: np.array(occ.getCenterOfMass(2, tag)) for tag in untouched}
+    _, mapping = occ.fragment([(3, shape.volume)], [(2, tag) for tag in pieces])
+    occ.synchronize()
+    if [entity for entity in mapping[0] if entity[0] == 3] != [(3, shape.volume)]:
+        raise MeshError("imprinting the patches changed the solid; move patches that touch edges or each other slightly")
+    boundary = sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, shape.volume)], oriented=False))
+    children = {tag: [child for dim, child in found if dim == 2] for tag, found in zip(pieces, mapping[1:], strict=True)}
+    # the kernel renumbers untouched faces and does not say how: find them by their place
+    centers = np.array([occ.getCenterOfMass(2, tag) for tag in boundary])
+    for tag, middle in middles.items():
+        children[tag] = [boundary[int(np.argmin(np.linalg.norm(centers - middle, axis=1)))]]
+    for tag, found in children.items():
+        area = sum(float(occ.getMass(2, child)) for child in found if child in boundary)
+        if abs(area - areas[tag]) > IMPRINT_TOLERANCE * areas[tag]:
+            raise MeshError(
+                f"a patch of {areas[tag] * shape.unit**2:.6g} m^2 became {area * shape.unit**2:.6g} m^2 when imprinted; move "
+                "patches that touch edges or each other slightly"
+            )
+    return children

@@ -1,0 +1,412 @@
+"""Meshes a CAD shape with gmsh, or only measures it (runs in the child process)."""
+
+import dataclasses
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.meshing.cad.crowded_faces import (
+    add_growth_fields,
+    describe_short_edges,
+    measure_edges,
+    name_finest_faces,
+)
+from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
+from headstock.meshing.cad.patch_grading import add_grading_fields, count_graded_cells
+from headstock.meshing.cad.shapes import Shape, build_shape
+from headstock.meshing.cad.sizes import (
+    SizePlan,
+    add_size_fields,
+    count_curved_cells,
+    measure_curved_faces,
+    size_curved_faces,
+)
+from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+from headstock.meshing.elements.quality import scaled_jacobians
+from headstock.meshing.elements.surface_gaps import PLACES, facet_places
+from headstock.meshing.errors import MeshError
+from headstock.meshing.process.job import MeshData, MeshJob, read_patch
+from headstock.meshing.sizing import (
+    CELL_BUDGET,
+    DEFAULT_FILE_CELLS,
+    LARGEST_SHARE,
+    NARROW_GROWTH,
+    NARROW_PATCH,
+    PATCH_CELLS,
+    SIZE_STEP,
+    SMALLEST_SIZE,
+    budget_message,
+    default_size,
+    dense_patch_message,
+    estimate_behind_faces,
+    estimate_tets,
+)
+
+SOLIDS: dict[str, type[Shape]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile)}
+HXT, DELAUNAY = 10, 1
+ROUND_KINDS = ("Cylinder", "Cone", "Sphere", "Torus")
+FREE_FACETS = 4000  # their nearest points take 0.7 ms each
+TETRAHEDRON = {1: 4, 2: 11}
+TRIANGLE = {1: 2, 2: 9}
+SLIVER_QUALITY = 0.02
+NEVER_EXTEND = 0
+NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
+OPTIONS: dict[str, float] = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    "Geometry.OCCParallel": 0,
+    "Mesh.ElementOrder": 1,
+    "Mesh.Binary": 1,
+    "Mesh.MaxNumThreads3D": 1,
+    "Mesh.RandomSeed": 1,
+}
+
+
+def mesh_shape(job: MeshJob) -> MeshData:
+    """Build, imprint and (unless only described) mesh the shape of a job.
+
+    Raises:
+        MeshError: The shape cannot be built, imprinted, meshed or would need too many cells.
+    """
+    with open_kernel():
+        solid = read_solid(job)
+        volume = build_shape(solid)
+        size = _element_size(job, solid, volume)
+        as_shown = boundary_faces(volume)
+        removed: list[str] = []
+        if isinstance(solid, StepFile) and job.task != "describe":
+            volume, removed = _remove_narrow_features(job, solid, volume, size)
+        if isinstance(solid, StepFile):
+            refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
+        groups = {name: [read_patch(patch) for patch in patches] for name, patches in job.groups.items()}
+        imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), groups)
+        faces = imprints.faces
+        properties = _measure(volume, faces)
+        rims = _find_rims(job, imprints)
+        plan, count = _plan_sizes(job, volume, faces, size)
+        growth = _choose_growth(job, imprints, size)
+        graded = 0 if growth is None else count_graded_cells(rims, growth=growth, size=size)
+        if job.growth is None and graded > PATCH_CELLS:
+            raise MeshError(_name_dense_patch(job, graded))
+        count += graded
+        nothing = np.zeros((0, 4), dtype=np.int64)
+        described = MeshData(np.zeros((0, 3)), nothing, None, properties=properties, size=size, estimate=count)
+        if job.task == "describe":
+            return described
+        # imprints cut faces up, and what is left has other numbers
+        present = set(boundary_faces(volume))
+        numbers = {tag: number for number, tag in enumerate(as_shown, 1) if tag in present} if present <= set(as_shown) else {}
+        _check_budget(count, job, size, numbers)
+        fields = _set_sizes(growth, size, plan, rims)
+        remarks = removed + _mesh_faces(job, volume, size, fields, numbers, graded=growth is not None)
+        count, nodes = _count_cells(job, volume, size)
+        if job.task == "estimate":
+            return dataclasses.replace(described, estimate=count, nodes=nodes, remarks=remarks)
+        _check_budget(count, job, size, numbers)
+        _generate(job)
+        data = _collect(job, volume, faces, properties, size)
+        return dataclasses.replace(data, estimate=count, remarks=remarks, owners=_point_owners(data, numbers))
+
+
+@contextmanager
+def open_kernel() -> Iterator[None]:
+    """An empty gmsh model with the options all jobs share."""
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    try:
+        for name, value in OPTIONS.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        yield
+    finally:
+        gmsh.finalize()
+
+
+def read_solid(job: MeshJob) -> Shape:
+    """The solid of a job."""
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in job.solid.items()}
+    return SOLIDS[fields.pop("kind")](**fields)
+
+
+def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
+    """As asked for, or by the sizing rule; for files coarser until curved faces included there are not too many cells."""
+    if job.size is not None:
+        return job.size
+    low, high = shape_bounds(volume)
+    content, thickness, extent = float(gmsh.model.occ.getMass(3, volume)), _mean_thickness(volume), float((high - low).max())
+    size = default_size(content, thickness, extent)
+    if not isinstance(solid, StepFile):
+        return size
+    curved = measure_curved_faces(boundary_faces(volume), {}, job.order)
+    while size < extent / LARGEST_SHARE:
+        plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
+        if estimate_tets(content, thickness, size) + count_curved_cells(plan) <= DEFAULT_FILE_CELLS:
+            break
+        size *= SIZE_STEP
+    return size
+
+
+def _mean_thickness(volume: int) -> float:
+    surface = sum(float(gmsh.model.occ.getMass(2, tag)) for tag in boundary_faces(volume))
+    return 2.0 * float(gmsh.model.occ.getMass(3, volume)) / surface
+
+
+def boundary_faces(volume: int) -> list[int]:
+    """Tags of a volume's faces in the order in which ``face:N`` counts them."""
+    return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
+
+
+def _plan_sizes(job: MeshJob, volume: int, faces: dict[str, list[int]], size: float) -> tuple[SizePlan | None, int]:
+    """Element sizes on curved faces and rims, and the number of cells to expect."""
+    content = float(gmsh.model.occ.getMass(3, volume))
+    thickness = _mean_thickness(volume)
+    count = estimate_tets(content, thickness, size)
+    if job.straight:
+        return None, count
+    curved = measure_curved_faces(boundary_faces(volume), faces, job.order)
+    plan = size_curved_faces(curved, volume=content, thickness=thickness, size=size, order=job.order, refinement=job.refinement)
+    return plan, count + count_curved_cells(plan)
+
+
+def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper corner ``(3,)`` of a volume's bounding box."""
+    box = np.array(gmsh.model.occ.getBoundingBox(3, volume))
+    return box[:3], box[3:]
+
+
+def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> tuple[int, list[str]]:
+    faces = boundary_faces(volume)
+    patches = [patch["face"] for patches in job.groups.values() for patch in patches]
+    named = [int(face.removeprefix("face:")) for face in patches if face.startswith("face:")]
+    width = NARROW_SHARE * _smallest(job, size)
+    left, remarks = remove_narrow_features(volume, faces, width=width, named=named, unit=job.unit)
+    if left is None:
+        gmsh.clear()
+        return build_shape(solid), []
+    return left, remarks
+
+
+def _open_shape(job: MeshJob, solid: Shape, volume: int, size: float, faces: list[int]) -> OpenShape:
+    low, high = shape_bounds(volume)
+    return OpenShape(
+        volume,
+        solid,
+        tuple(faces),
+        low,
+        high,
+        size,
+        job.unit,
+        job.across_patches,
+        job.refinement,
+        polygons=job.straight,
+    )
+
+
+def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
+    occ = gmsh.model.occ
+    areas: dict[str, float] = {}
+    centroids: dict[str, FloatArray] = {}
+    for name, tags in faces.items():
+        parts = np.array([occ.getMass(2, tag) for tag in tags])
+        places = np.array([occ.getCenterOfMass(2, tag) for tag in tags])
+        areas[name] = float(parts.sum())
+        centroids[name] = parts @ places / parts.sum()
+    inertia = np.array(occ.getMatrixOfInertia(3, volume)).reshape(3, 3)
+    return SolidProperties(float(occ.getMass(3, volume)), np.array(occ.getCenterOfMass(3, volume)), inertia, areas, centroids)
+
+
+def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
+    """As asked for; around patches that are narrow beside the elements a default."""
+    narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
+    return NARROW_GROWTH if job.growth is None and narrow else job.growth
+
+
+def _name_dense_patch(job: MeshJob, count: int) -> str:
+    widths = {
+        name: min(size for patch in patches for size in patch["size"])
+        for name, patches in job.groups.items()
+        if any(patch["size"] for patch in patches)
+    }
+    name = min(widths, key=lambda each: widths[each])
+    return f"{name}: {dense_patch_message(count, widths[name] * job.unit, job.across_patches)}"
+
+
+def _set_sizes(growth: float | None, size: float, plan: SizePlan | None, rims: dict[int, float]) -> list[int]:
+    """Tell gmsh the element sizes; return the tags of the fields that hold them."""
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    fields = [] if plan is None else add_size_fields(plan)
+    if growth is not None:
+        fields += add_grading_fields(rims, growth=growth, size=size)
+        # sizes on faces follow their distance from the rims, not those of the nearest edges
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+    _use_fields(fields)
+    return fields
+
+
+def _use_fields(fields: list[int]) -> None:
+    if fields:
+        smallest = gmsh.model.mesh.field.add("Min")
+        gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
+        gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _smallest(job: MeshJob, size: float) -> float:
+    return (SMALLEST_SIZE * size if job.smallest is None else job.smallest) / job.refinement
+
+
+def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbers: dict[int, int], *, graded: bool) -> list[str]:
+    """Mesh edges and faces, and say what was done about short edges; without graded sizes they grow from crowded ones only."""
+    faces = boundary_faces(volume)
+    gmsh.model.mesh.generate(1)
+    remarks = []
+    if job.solid["kind"] == StepFile.__name__ and job.growth is None:
+        edges, smallest = measure_edges(faces, size), _smallest(job, size)
+        if edges.crowded or graded:
+            _use_fields(fields + add_growth_fields(edges, size=size, smallest=smallest))
+            gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", NEVER_EXTEND)
+        remarks = describe_short_edges(edges, numbers, smallest=smallest, unit=job.unit)
+    gmsh.model.mesh.generate(2)
+    return remarks
+
+
+def _count_cells(job: MeshJob, volume: int, size: float) -> tuple[int, int]:
+    """Number of cells and nodes to expect behind the triangles of the meshed faces."""
+    triangles = sum(len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], face)[0]) for face in boundary_faces(volume))
+    return estimate_behind_faces(triangles, float(gmsh.model.occ.getMass(3, volume)) / size**3, job.order)
+
+
+def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]) -> None:
+    """Refuse what would be too large.
+
+    Raises:
+        MeshError: With a size that would do; of CAD parts also the faces that hold most elements, and the key that coarsens them.
+    """
+    if count <= CELL_BUDGET:
+        return
+    message = budget_message(count, size * job.unit)
+    if job.solid["kind"] != StepFile.__name__:
+        raise MeshError(message)
+    smallest = _smallest(job, size) * job.unit
+    raise MeshError(
+        f"{message}, coarsen curved faces and short edges by mesh.smallest, now {smallest:.2g} m, or remove small holes and fillets"
+        f"{name_finest_faces(numbers)}"
+    )
+
+
+def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
+    """Curves from which elements grow, and the size there."""
+    found: dict[int, float] = {}
+    groups = [([face], size) for face, size in imprints.sizes.items()]
+    groups += [] if job.rim_size is None else [(imprints.faces[name], job.rim_size / job.refinement) for name in job.rims]
+    for faces, size in groups:
+        for _, curve in gmsh.model.getBoundary([(2, face) for face in faces], oriented=False):
+            found[curve] = min(size, found.get(curve, size))
+    return found
+
+
+def _generate(job: MeshJob) -> None:
+    if not _mesh_acceptably():
+        limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
+        raise MeshError(f"gmsh could not mesh the solid within {limit}; write another mesh size, or repair the CAD model")
+    if job.order == 2 and not job.straight:
+        gmsh.model.mesh.setOrder(2)
+
+
+def _mesh_acceptably() -> bool:
+    """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is best."""
+    found: dict[int, float] = {}
+    for algorithm in (HXT, DELAUNAY):
+        found[algorithm] = _try_algorithm(algorithm)
+        if found[algorithm] >= SLIVER_QUALITY:
+            return True
+    best = max(found, key=lambda algorithm: found[algorithm])
+    return found[best] > 0.0 if best == DELAUNAY else _try_algorithm(best) > 0.0
+
+
+def _try_algorithm(algorithm: int) -> float:
+    """Fill the faces' mesh, which is made once, with straight tets; return the quality of the worst, 0 where meshing failed."""
+    gmsh.model.mesh.clear(gmsh.model.getEntities(3))
+    gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
+    try:
+        gmsh.model.mesh.generate(3)
+        if _worst_quality() < SLIVER_QUALITY:
+            gmsh.model.mesh.optimize("")
+    except Exception:  # gmsh raises the bare class; the next algorithm may do
+        return 0.0
+    bare = any(not len(gmsh.model.mesh.getElements(2, tag)[0]) for _, tag in gmsh.model.getEntities(2))
+    return 0.0 if bare else _worst_quality()
+
+
+def _worst_quality() -> float:
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[1])
+    if not len(nodes):
+        return 0.0
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return float(scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min())
+
+
+def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
+    """Number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where faces have no numbers."""
+    tags, _, _ = gmsh.model.mesh.getNodes()
+    owner = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    for face, number in numbers.items():
+        owner[gmsh.model.mesh.getNodes(2, face, includeBoundary=True)[0]] = number
+    # points are the nodes of the cells, in the order of their tags
+    kept = owner[np.unique(gmsh.model.mesh.getElementsByType(TETRAHEDRON[1 if data.kind == "tet4" else 2])[1])]
+    return np.asarray(kept, dtype=np.int64)
+
+
+def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float) -> MeshData:
+    order = 1 if job.straight else job.order
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)
+    per_cell = 4 if order == 1 else 10
+    used = np.unique(cell_nodes)
+    place = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+    place[used] = np.arange(len(used))
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    points = coordinates.reshape(-1, 3)[row[used]]
+    facets = {name: _face_corners(place, tags_of, order) for name, tags_of in faces.items()}
+    kind: CellKind = "tet4" if order == 1 else "tet10"
+    curved = _curved_facets(boundary_faces(volume), place, points, order)
+    return MeshData(points, place[cell_nodes.reshape(-1, per_cell)], kind, facets, properties=properties, size=size, curved=curved)
+
+
+def _curved_facets(faces: list[int], place: IntArray, points: FloatArray, order: int) -> CurvedFacets:
+    """Facets on faces that are not plane, and where these lie; of free-form faces, which take long, no more than a sample."""
+    per_facet = 3 if order == 1 else 6
+    kinds = {face: gmsh.model.getType(2, face) for face in faces}
+    found = {
+        face: place[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(-1, per_facet)
+        for face, kind in kinds.items()
+        if kind != "Plane"
+    }
+    free = sum(len(facets) for face, facets in found.items() if kinds[face] not in ROUND_KINDS)
+    nodes, nearest, shares = [np.zeros((0, per_facet), dtype=np.int64)], [np.zeros((0, PLACES**2, 3))], [np.zeros(0)]
+    for face, facets in found.items():
+        step = 1 if kinds[face] in ROUND_KINDS else max(1, -(-free // FREE_FACETS))
+        chosen = facets[::step]
+        nodes.append(chosen)
+        closest, _ = gmsh.model.getClosestPoint(2, face, facet_places(points, chosen).ravel())
+        nearest.append(np.array(closest).reshape(len(chosen), -1, 3))
+        shares.append(np.full(len(chosen), len(facets) / max(1, len(chosen))))
+    return CurvedFacets(np.concatenate(nodes), np.concatenate(nearest), np.concatenate(shares))
+
+
+def _face_corners(place: IntArray, faces: list[int], order: int) -> IntArray:
+    per_facet = 3 if order == 1 else 6
+    parts: list[Any] = []
+    for tag in faces:
+        _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[order], tag)
+        parts.append(place[nodes].reshape(-1, per_facet)[:, :3])
+    return np.concatenate(parts)

@@ -1,0 +1,69 @@
+"""What a STEP file holds: its faces with their triangles, its size and the unit it was written in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.cad_faces import CadFace, Vector
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
+from headstock.meshing.process.child import run_job
+from headstock.meshing.process.job import MeshJob
+from headstock.meshing.step_units import STEP_UNIT, read_length_unit
+
+TIME_LIMIT = 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class CadSurvey:
+    """The faces of one solid of a STEP file, in metres.
+
+    Attributes:
+        faces: In the order in which ``face:N`` counts them.
+        points: ``(n, 3)`` [m].
+        triangles: ``(m, 3)`` outward, indices into ``points``.
+        owners: ``(m,)`` number of the face each triangle belongs to.
+        unit: Length unit the file names, as far as it was understood.
+    """
+
+    faces: tuple[CadFace, ...]
+    points: FloatArray
+    triangles: IntArray
+    owners: IntArray
+    unit: str | None
+
+    @property
+    def size(self) -> Vector:
+        """Sides of the bounding box [m]."""
+        x, y, z = (max(face.high[i] for face in self.faces) - min(face.low[i] for face in self.faces) for i in range(3))
+        return x, y, z
+
+
+def survey_step(solid: StepFile, *, time_limit: float = TIME_LIMIT) -> CadSurvey:
+    """List and triangulate the faces of a STEP file's solid in a child process.
+
+    Raises:
+        MeshError: The file is missing, is no STEP file, holds no solid or several of which none was chosen.
+    """
+    if not solid.path.is_file():
+        raise MeshError(f"{solid.path} is no regular file" if solid.path.exists() else f"there is no file {solid.path}")
+    job = MeshJob("faces", {"kind": "StepFile", "path": str(solid.path), "solid": solid.solid}, unit=STEP_UNIT)
+    data = run_job(job, what=solid.path.name, time_limit=time_limit)
+    faces = tuple(_read_face(fields) for fields in data.faces)
+    groups = [data.facets[f"face:{face.number}"] for face in faces]
+    owners = np.repeat([face.number for face in faces], [len(group) for group in groups])
+    return CadSurvey(faces, data.points * STEP_UNIT, np.concatenate(groups), owners, read_length_unit(solid.path))
+
+
+def _read_face(fields: Mapping[str, Any]) -> CadFace:
+    """A face in metres from the fields of one in millimetres."""
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    values["area"] *= STEP_UNIT**2
+    values["radius"] *= STEP_UNIT
+    for name in ("center", "low", "high", "axis_point", "span"):
+        values[name] = tuple(value * STEP_UNIT for value in values[name])
+    return CadFace(**values)

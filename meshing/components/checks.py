@@ -1,0 +1,265 @@
+"""Turns raw cells and facets into a checked component mesh: quality, connectivity, patches, volume and areas."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
+from headstock.geometry.parts.solids import HollowColumn, MeshFile, StepFile, Tube
+from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
+from headstock.meshing.elements.flat_tets import FlatTets, find_flat_tets
+from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
+from headstock.meshing.elements.second_order import elevate_tets, is_straight, repair_tets
+from headstock.meshing.elements.serendipity_cells import complete_hexes
+from headstock.meshing.elements.surface import MeshSurface, count_parts, extract_surface, match_facets
+from headstock.meshing.elements.surface_gaps import PLACES, gaps_agree, measure_gaps
+from headstock.meshing.elements.topology import cell_family, corner_count
+from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.files.patches import available_names, select_facets, set_nodes
+from headstock.meshing.process.job import MeshData
+
+QUALITY_FLOOR = 1e-3
+CAD_TOLERANCE = 1e-3
+LINEAR_CURVED_TOLERANCE = 2e-2  # flat facets inscribed in round faces, 24 to the turn
+STRAIGHT_TOLERANCE = 1e-12
+NAMED_ELEMENTS = 5
+
+Groups = Mapping[str, tuple[Patch, ...]]
+
+
+def finish_mesh(data: MeshData, component: Component, groups: Groups) -> ComponentMesh:
+    """Elevate or repair, check and tag a mesh.
+
+    Args:
+        data: Points [m], cells, and the facet corners of each group or, from a mesh file, of each named set.
+        component: The component it was made for.
+        groups: Patches of each group, for messages.
+
+    Raises:
+        MeshError: The mesh is disconnected, has bad elements, or misses the CAD volume or a patch area.
+    """
+    what = f"component {component.name!r}"
+    points, cells, kind, repaired = _shape_elements(data, component)
+    straight = is_straight(points, cells, kind, STRAIGHT_TOLERANCE)
+    parts, _ = count_parts(cells, kind, len(points))
+    if parts > 1:
+        raise MeshError(
+            f"{what}: the mesh falls into {parts} parts that share no node; make one component of each, or merge coincident nodes"
+        )
+    jacobians = _check_quality(points, cells, kind, what=what, straight=straight)
+    surface = extract_surface(cells, kind)
+    if isinstance(component.solid, MeshFile):
+        data = _resolve_file_patches(data, surface, component, groups)
+    patches = {name: _tag_facets(surface, data, name, what) for name in groups}
+    properties = _reference_properties(data, component)
+    affine = straight and cell_family(kind) == "tet"
+    volume = mesh_volume(points, cells[:, :4], "tet4") if affine else mesh_volume(points, cells, kind)
+    areas = {name: float("nan") for name in groups}
+    cad_volume = float("nan")
+    if properties is not None:
+        cad_volume = properties.volume
+        areas |= properties.patch_areas
+        _check_sizes(points, patches, volume, properties, component)
+    flat = _find_flat_tets(points, cells, kind)
+    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with it counts
+    shapes = jacobians.copy()
+    shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
+    worst = int(np.argmin(shapes))
+    sizes = _straight_volumes(points, cells[flat.cells])
+    quality = MeshQuality(
+        float(shapes[worst]),
+        repaired,
+        volume,
+        cad_volume,
+        areas,
+        poor_share=_poor_share(points, cells, kind, shapes),
+        worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
+        worst_face=_face_at(data, cells[worst]),
+        flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume if kind == "tet10" else 0.0,
+        flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
+        flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
+        remarks=tuple(data.remarks),
+    )
+    gaps = _find_gaps(points, surface, data, component, quality)
+    return ComponentMesh(points, cells, kind, straight, patches, quality, gaps)
+
+
+def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> FlatTets:
+    if cell_family(kind) == "tet":
+        return find_flat_tets(points, cells[:, :4])
+    none = np.zeros(0)
+    return FlatTets(np.zeros(0, dtype=np.int64), none, none, none)
+
+
+def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Volume ``(n_cells,)`` of tets, their edges taken as straight [m^3]."""
+    a, b, c = (points[cells[:, k]] - points[cells[:, 0]] for k in (1, 2, 3))
+    return np.asarray(np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0)
+
+
+def _poor_share(points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray) -> float:
+    """Share of a mesh's volume in poor elements."""
+    poor = cells[jacobians < POOR_QUALITY]
+    return mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
+
+
+def _face_at(data: MeshData, cell: IntArray) -> str:
+    """``face:N`` on which most nodes of a cell lie, where faces have numbers."""
+    found = cell[cell < len(data.owners)]
+    owners = data.owners[found]
+    owners = owners[owners > 0]
+    return f"face:{np.bincount(owners).argmax()}" if len(owners) else ""
+
+
+def patch_moments(points: FloatArray, patches: Mapping[str, IntArray]) -> tuple[dict[str, float], dict[str, FloatArray]]:
+    """Area [m^2] and centroid ``(3,)`` [m] of each patch group."""
+    areas: dict[str, float] = {}
+    centroids: dict[str, FloatArray] = {}
+    for name, facets in patches.items():
+        parts, places = facet_moments(points, facets)
+        areas[name] = float(parts.sum())
+        centroids[name] = parts @ places / parts.sum() if areas[name] > 0.0 else points[np.unique(facets)].mean(axis=0)
+    return areas, centroids
+
+
+def _shape_elements(data: MeshData, component: Component) -> tuple[FloatArray, IntArray, CellKind, int]:
+    """Points, cells and kind after elevation or repair, and the number of repaired cells."""
+    kind = data.kind or "tet4"
+    if kind == "hex20":
+        points, cells = complete_hexes(data.points, data.cells)
+        return points, cells, "hex27", 0
+    if isinstance(component.solid, MeshFile):
+        return data.points, data.cells, kind, 0
+    if kind == "tet4" and component.mesh.order == 2:
+        points, cells = elevate_tets(data.points, data.cells)
+        return points, cells, "tet10", 0
+    if kind == "tet10":
+        points, repaired = repair_tets(data.points, data.cells)
+        return points, data.cells, kind, len(repaired)
+    return data.points, data.cells, kind, 0
+
+
+def _check_quality(points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool) -> FloatArray:
+    """Scaled Jacobian ``(n_cells,)`` of every element."""
+    affine = straight and cell_family(kind) == "tet"
+    shape: CellKind = "tet4" if affine else kind
+    quality = scaled_jacobians(points, cells[:, :4] if affine else cells, shape)
+    bad = np.flatnonzero(~(quality >= QUALITY_FLOOR))
+    if not len(bad):
+        return quality
+    order = bad[np.argsort(quality[bad], kind="stable")]
+    inverted = int((~(quality > 0.0)).sum())
+    centers = points[cells[order[:NAMED_ELEMENTS], : corner_count(kind)]].mean(axis=1)
+    named = "; ".join(
+        f"element {cell + 1} at ({x:.4g}, {y:.4g}, {z:.4g}) m: {quality[cell]:.2g}"
+        for cell, (x, y, z) in zip(order, centers, strict=False)
+    )
+    raise MeshQualityError(
+        f"{what}: {len(bad)} of {len(cells)} elements are unusable ({inverted} inverted, the rest with a scaled Jacobian below "
+        f"{QUALITY_FLOOR:g}): {named}; write another mesh size, move patches that almost touch an edge or each other, or repair "
+        "the geometry or the mesh file"
+    )
+
+
+def _tag_facets(surface: MeshSurface, data: MeshData, name: str, what: str) -> IntArray:
+    if name in data.node_sets:  # a forced point or line: one facet per node, without area
+        return np.repeat(data.node_sets[name][:, None], surface.facets.shape[1], axis=1)
+    matched, missing = match_facets(surface, data.facets[name])
+    if missing or not len(matched):
+        raise MeshError(
+            f"{what}: {name}: {missing} facets of the patch are not on the mesh's surface and {len(matched)} are; tagged: "
+            f"{sorted(data.facets)}"
+        )
+    return surface.facets[matched]
+
+
+def _reference_properties(data: MeshData, component: Component) -> SolidProperties | None:
+    if isinstance(component.solid, MeshFile):
+        return None
+    return data.properties if data.properties is not None else closed_form_properties(component)
+
+
+def _check_sizes(
+    points: FloatArray, patches: Mapping[str, IntArray], volume: float, properties: SolidProperties, component: Component
+) -> None:
+    """Compare volume and patch areas with CAD."""
+    solid = component.solid
+    curved = isinstance(solid, Tube | StepFile) or (isinstance(solid, HollowColumn) and solid.core_hole > 0.0)
+    tolerance = LINEAR_CURVED_TOLERANCE if curved and component.mesh.order == 1 else CAD_TOLERANCE
+    remedy = "write a smaller mesh size" if curved else "check the patches for slivers"
+    error = abs(volume / properties.volume - 1.0)
+    if not error <= tolerance:
+        raise MeshQualityError(
+            f"component {component.name!r}: the mesh has a volume of {volume:.6g} m^3, CAD {properties.volume:.6g} m^3: "
+            f"{error:.2%} off, allowed {tolerance:.1%}; {remedy}"
+        )
+    areas, _ = patch_moments(points, patches)
+    for name, area in properties.patch_areas.items():
+        error = abs(areas[name] / area - 1.0)
+        if not error <= tolerance:
+            raise MeshQualityError(
+                f"component {component.name!r}: {name} has an area of {areas[name]:.6g} m^2 in the mesh, CAD {area:.6g} m^2: "
+                f"{error:.2%} off, allowed {tolerance:.1%}; {remedy}"
+            )
+
+
+def _find_gaps(
+    points: FloatArray, surface: MeshSurface, data: MeshData, component: Component, quality: MeshQuality
+) -> SurfaceGaps | None:
+    """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add up to the volume it misses."""
+    if isinstance(component.solid, MeshFile):
+        return None
+    if data.curved is None or not len(data.curved.nodes):
+        return SurfaceGaps(surface.facets[:0], np.zeros((0, PLACES**2)))
+    gaps = measure_gaps(points, surface, data.curved)
+    return gaps if gaps_agree(gaps, quality.volume, quality.cad_volume) else None
+
+
+def _resolve_file_patches(data: MeshData, surface: MeshSurface, component: Component, groups: Groups) -> MeshData:
+    """The mesh of a file with the facet corners of each patch group in place of the file's own sets.
+
+    Forced point and line groups leave their nodes in ``node_sets``.
+
+    Raises:
+        MeshError: A patch selects nothing, or a single point, line or facet of a larger face without ``force``.
+    """
+    facets: dict[str, IntArray] = {}
+    nodes: dict[str, IntArray] = {}
+    for name, patches in groups.items():
+        what = f"component {component.name!r}: {name}"
+        try:
+            chosen = np.unique(np.concatenate([select_facets(data, surface, patch) for patch in patches]))
+        except MeshError as error:
+            raise MeshError(f"{what}: {error}") from error
+        facets[name] = surface.facets[chosen][:, : surface.corners]
+        members = np.unique(np.concatenate([set_nodes(data, patch) for patch in patches]))
+        forced = name in component.interfaces and component.interfaces[name].force
+        if not len(chosen) and len(members):
+            if not forced:
+                raise MeshError(
+                    f"{what}: {len(members)} nodes span no facet of the surface; a point or a line has a compliance that depends "
+                    "on the mesh; name an area, or write force = true"
+                )
+            nodes[name] = members
+        elif not len(chosen):
+            raise MeshError(f"{what}: no facet of the surface lies in the patch; available: {available_names(data, surface)}")
+        elif name in component.interfaces and not forced and len(chosen) == 1 and _is_part_of_face(data.points, surface, chosen[0]):
+            raise MeshError(
+                f"{what}: a single facet of a larger face has a compliance that depends on the mesh; name a larger area, or write "
+                "force = true"
+            )
+    return dataclasses.replace(data, facets=facets, node_sets=nodes)
+
+
+def _is_part_of_face(points: FloatArray, surface: MeshSurface, facet: np.int64) -> bool:
+    """Whether a facet has a neighbour in its own plane."""
+    corners = points[surface.facets[:, : surface.corners]]
+    own = corners[facet]
+    normal = np.cross(own[1] - own[0], own[2] - own[0])
+    normal /= np.linalg.norm(normal)
+    shared = np.isin(surface.facets[:, : surface.corners], surface.facets[facet, : surface.corners]).sum(axis=1) == 2
+    heights = np.abs((corners[shared] - own[0]) @ normal).max(axis=1)
+    return bool((heights < 1e-6 * np.ptp(own, axis=0).max()).any())

@@ -1,0 +1,386 @@
+"""Meshes one component, or measures its solid, in the component's own frame."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from headstock.geometry.parts.components import Component, Load, Patch, Support
+from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties, solid_volume
+from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.solid_checks import find_solid_faults
+from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, StepFile, SuperelementFile, Tube
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.components.checks import finish_mesh, patch_moments
+from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
+from headstock.meshing.elements.quality import integrate_mesh
+from headstock.meshing.errors import MeshError, MeshQualityError
+from headstock.meshing.process.child import run_job
+from headstock.meshing.process.job import MeshData, MeshJob, describe_patch, format_job, scale_properties
+from headstock.meshing.sizing import (
+    CELL_BUDGET,
+    UNCOUNTED,
+    ParametricSolid,
+    budget_message,
+    count_patch_cells,
+    default_size,
+    estimate_tets,
+    largest_extent,
+    round_length,
+    thinnest_feature,
+)
+from headstock.meshing.step_units import STEP_UNIT
+
+# Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are absolute
+JOB_EXTENT = 1000.0
+DESCRIBE_TIME_LIMIT = 120.0
+SURVEY_TIME_LIMIT = 300.0  # that of a mesh
+LINE_LIKE = 1e-4
+# imprints and curved faces are meshed finer when a mesh fails its checks: in small steps, a failed mesh costs less than a fine one
+REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
+
+Groups = dict[str, tuple[Patch, ...]]
+MeshJobText = str
+
+
+def mesh_component(
+    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, time_limit: float = 300.0
+) -> ComponentMesh:
+    """Mesh a component and tag its patches.
+
+    Args:
+        component: What to mesh; its placement plays no part.
+        supports: Supports of this component (others are ignored).
+        loads: Loads on patches of this component (others are ignored).
+        time_limit: Processor time that meshing may take [s].
+
+    Returns:
+        The mesh with one patch group per interface, ``support:NAME`` and ``load:NAME``.
+
+    Raises:
+        MeshError: The solid or a patch cannot be meshed as described, or the mesh fails a check.
+    """
+    groups = patch_groups(component, supports, loads)
+    _check_request(component, groups)
+    solid = component.solid
+    what = f"component {component.name!r}"
+    if isinstance(solid, MeshFile):
+        data = read_mesh_file(solid, what, time_limit)
+        return finish_mesh(data, component, groups)
+    if not isinstance(solid, StepFile | SuperelementFile):
+        count, size = _planned_cells(component), element_size(component)
+        if count > CELL_BUDGET:
+            raise MeshError(f"{what}: {budget_message(count, size)}")
+    if component.mesh.cells == "hex":
+        return finish_mesh(_mesh_grid(component, groups, what), component, groups)
+    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
+    may_refine = imprinted or not _has_plane_faces_only(component)
+    for refinement in REFINEMENTS[:-1]:
+        try:
+            return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=refinement), component, groups)
+        except MeshQualityError:
+            if not may_refine:
+                raise
+    return finish_mesh(run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]), component, groups)
+
+
+def describe_component(component: Component) -> SolidProperties:
+    """Volume, centre, inertia for unit density, and interface areas and centroids of a component, without meshing it.
+
+    Closed forms for boxes, tubes, plates and columns without core holes; the CAD kernel for other solids and patches; the
+    integral over the mesh for mesh files. A mass that the component overrides plays no part.
+
+    Raises:
+        MeshError: The solid cannot be built or a patch does not exist.
+    """
+    groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
+    solid = component.solid
+    what = f"component {component.name!r}"
+    _check_solid(component)
+    if isinstance(solid, MeshFile):
+        mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
+        volume, center, inertia = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
+        return SolidProperties(volume, center, inertia, *patch_moments(mesh.points, mesh.patches))
+    properties = closed_form_properties(component)
+    if properties is None:
+        properties = run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).properties
+    if properties is None:
+        raise MeshError(f"{what}: the CAD kernel returned no properties")
+    return properties
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshEstimate:
+    """What a mesh will be like, roughly.
+
+    Attributes:
+        cells: Their number.
+        nodes: Number of nodes; 0 where it follows from the cells alone.
+        volume: Of the solid [m^3]; None where it is not known.
+    """
+
+    cells: int
+    nodes: int = 0
+    volume: float | None = None
+
+
+def estimate_mesh(
+    component: Component,
+    supports: Sequence[Support] = (),
+    loads: Sequence[Load] = (),
+    *,
+    survey: bool = False,
+    known: dict[MeshJobText, MeshEstimate] | None = None,
+    before_survey: Callable[[], None] | None = None,
+) -> MeshEstimate:
+    """What a component's mesh will be like before meshing.
+
+    Args:
+        component: What to mesh.
+        supports: Of any component.
+        loads: Of any component.
+        survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh itself: within a factor of 1.5.
+        known: Surveys that were made before, which equal components share; this one is added.
+        before_survey: Called before a surface is meshed, which can take seconds.
+
+    Raises:
+        MeshError: A STEP file cannot be read, or a patch does not exist.
+    """
+    solid = component.solid
+    if isinstance(solid, MeshFile | SuperelementFile) or component.mesh.cells == "hex":
+        return MeshEstimate(
+            _count_hex_cells(component, supports, loads) if component.mesh.cells == "hex" else estimate_cells(component)
+        )
+    groups = patch_groups(component, supports, loads)
+    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
+    if survey and (imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None):
+        known = {} if known is None else known
+        job = format_job(_shape_job(component, groups, task="estimate"))
+        if job not in known:
+            if before_survey is not None:
+                before_survey()
+            data = run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
+            known[job] = MeshEstimate(data.estimate, data.nodes, None if data.properties is None else data.properties.volume)
+        return known[job]
+    if isinstance(solid, StepFile):
+        return MeshEstimate(estimate_cells(component))
+    cells, across = estimate_cells(component), component.mesh.across_patches
+    if component.mesh.growth is None:
+        size = element_size(component)
+        found = [count_patch_cells(patch, solid, across=across, size=size) for patches in groups.values() for patch in patches]
+        cells += int(sum(found))
+    return MeshEstimate(cells, volume=solid_volume(solid))
+
+
+def _count_hex_cells(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> int:
+    """Number of hexes with grid lines along all patches; without them where the grid cannot follow, which meshing will say."""
+    roughly = estimate_cells(component)
+    if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
+        return roughly  # lines of a grid that is refused anyway could fill the memory
+    patches = [patch for found in patch_groups(component, supports, loads).values() for patch in found]
+    try:
+        return count_grid_cells(grid_lines(component.solid, patches, element_size(component), component.mesh.across_patches))
+    except MeshError:
+        return roughly
+
+
+def estimate_cells(component: Component) -> int:
+    """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines), before meshing.
+
+    STEP files are measured by the CAD kernel and mesh files are read.
+    """
+    solid = component.solid
+    if isinstance(solid, SuperelementFile):
+        return 0
+    if isinstance(solid, MeshFile):
+        return len(read_mesh_file(solid, f"component {component.name!r}").cells)
+    if isinstance(solid, StepFile) or (component.mesh.growth is not None and component.mesh.cells == "tet"):
+        groups = patch_groups(component, (), ()) if component.mesh.growth is not None else {}
+        return run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).estimate
+    return _planned_cells(component)
+
+
+def element_size(component: Component) -> float:
+    """Element size of a parametric solid [m]: as asked for, or by the sizing rule, to 12 digits."""
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        raise ValueError("only parametric solids have a size rule of their own")
+    if component.mesh.size is not None:
+        return round_length(component.mesh.size)
+    return round_length(default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid)))
+
+
+def automatic_size(component: Component) -> float:
+    """Element size that the sizing rules choose for a component, whatever it asks for [m].
+
+    Raises:
+        MeshError: A STEP file cannot be read.
+    """
+    asked = dataclasses.replace(component, mesh=dataclasses.replace(component.mesh, size=None))
+    if isinstance(component.solid, StepFile):
+        return run_shape_job(asked, {}, task="describe", time_limit=DESCRIBE_TIME_LIMIT).size
+    return element_size(asked)
+
+
+def count_hexes(component: Component, size: float) -> int:
+    """Number of hexes of a box with grid lines along its patches.
+
+    Raises:
+        MeshError: A patch cannot follow the grid.
+    """
+    if not isinstance(component.solid, Box):
+        raise ValueError("only boxes are meshed with hexes")
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    return count_grid_cells(grid_lines(component.solid, patches, size))
+
+
+def patch_groups(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> Groups:
+    """Patches of every group of a component, by group name."""
+    groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
+    groups |= {f"support:{s.name}": s.patches for s in supports if s.component == component.name}
+    groups |= {f"load:{load.name}": load.patches for load in loads if load.component == component.name and load.patches}
+    return groups
+
+
+def run_shape_job(
+    component: Component,
+    groups: Groups,
+    *,
+    task: Literal["shape", "describe", "estimate"] = "shape",
+    time_limit: float,
+    refinement: float = 1.0,
+) -> MeshData:
+    """Run the CAD kernel on a component in a child process and return what it found, in metres."""
+    job = _shape_job(component, groups, task=task, refinement=refinement)
+    data, scale = run_job(job, what=f"component {component.name!r}", time_limit=time_limit), job.unit
+    properties = None if data.properties is None else scale_properties(data.properties, scale)
+    curved = None if data.curved is None else dataclasses.replace(data.curved, nearest=data.curved.nearest * scale)
+    return dataclasses.replace(data, points=data.points * scale, properties=properties, size=data.size * scale, curved=curved)
+
+
+def _shape_job(
+    component: Component, groups: Groups, *, task: Literal["shape", "describe", "estimate"], refinement: float = 1.0
+) -> MeshJob:
+    """What the child process is to do; the same for components of the same shape, patches and mesh settings."""
+    solid = component.solid
+    if isinstance(solid, MeshFile | SuperelementFile):
+        raise MeshError(f"component {component.name!r}: a {type(solid).__name__} has no CAD shape")
+    scale = STEP_UNIT if isinstance(solid, StepFile) else round_length(largest_extent(solid)) / JOB_EXTENT
+    fields = {"path": str(solid.path), "solid": solid.solid} if isinstance(solid, StepFile) else _scaled_fields(solid, scale)
+    size = None if isinstance(solid, StepFile) and component.mesh.size is None else _wanted_size(component)
+    return MeshJob(
+        task,
+        {"kind": type(solid).__name__, **fields},
+        {name: [_rounded(describe_patch(patch, scale)) for patch in patches] for name, patches in groups.items()},
+        unit=scale,
+        size=None if size is None else round_length(size / scale),
+        refinement=refinement,
+        across_patches=component.mesh.across_patches,
+        growth=component.mesh.growth,
+        rims=tuple(name for name in groups if name in component.interfaces and component.interfaces[name].coupling == "rigid"),
+        rim_size=None if component.mesh.rim_size is None else round_length(component.mesh.rim_size / scale),
+        smallest=None if component.mesh.smallest is None else round_length(component.mesh.smallest / scale),
+        order=component.mesh.order,
+        straight=_has_plane_faces_only(component),
+    )
+
+
+def _wanted_size(component: Component) -> float:
+    if isinstance(component.solid, StepFile):
+        return round_length(component.mesh.size or 0.0)
+    return element_size(component)
+
+
+def _scaled_fields(solid: ParametricSolid, scale: float) -> dict[str, Any]:
+    fields = dataclasses.asdict(solid)
+    return {name: value if name.startswith("ribs_") else _scaled(value, scale) for name, value in fields.items()}
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    if isinstance(value, tuple | list):
+        return [_scaled(part, scale) for part in value]
+    return round_length(round_length(value) / scale)
+
+
+def _rounded(patch: dict[str, Any]) -> dict[str, Any]:
+    return patch | {key: [round_length(value) for value in patch[key]] for key in ("center", "size")}
+
+
+def _has_plane_faces_only(component: Component) -> bool:
+    solid = component.solid
+    return not isinstance(solid, StepFile | Tube) and not (isinstance(solid, HollowColumn) and solid.core_hole > 0.0)
+
+
+def _planned_cells(component: Component) -> int:
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        raise ValueError("only parametric solids can be estimated without reading a file")
+    size = element_size(component)
+    if component.mesh.cells == "hex" and isinstance(solid, Box):
+        return int(min(math.prod(float(np.ceil(side / size)) for side in solid.size), UNCOUNTED))
+    return estimate_tets(solid_volume(solid), thinnest_feature(solid), size)
+
+
+def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
+    if not isinstance(component.solid, Box):
+        raise MeshError(f"{what}: only boxes can be meshed with hexes, not {type(component.solid).__name__}; write cells = 'tet'")
+    box = Box(tuple(round_length(side) for side in component.solid.size))  # type: ignore[arg-type]
+    size = element_size(component)
+    try:
+        count = count_grid_cells(
+            grid_lines(box, [patch for patches in groups.values() for patch in patches], size, component.mesh.across_patches)
+        )
+        if count > CELL_BUDGET:
+            raise MeshError(budget_message(count, size))
+        return mesh_box_grid(box, groups, size=size, order=component.mesh.order, across=component.mesh.across_patches)
+    except MeshError as error:
+        raise MeshError(f"{what}: {error}") from error
+
+
+def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME_LIMIT) -> MeshData:
+    """Read a mesh file in a child process, in metres.
+
+    Raises:
+        MeshError: It cannot be read.
+    """
+    data = run_job(MeshJob("file", {"path": str(solid.path)}), what=what, time_limit=time_limit)
+    return dataclasses.replace(data, points=data.points * solid.unit)
+
+
+def _check_request(component: Component, groups: Groups) -> None:
+    what = f"component {component.name!r}"
+    _check_solid(component)
+    settings = component.mesh
+    if settings.order not in (1, 2):
+        raise MeshError(f"{what}: meshes have order 1 or 2, not {settings.order}")
+    if settings.size is not None and not (np.isfinite(settings.size) and settings.size > 0.0):
+        raise MeshError(f"{what}: the mesh size must be above zero, not {settings.size}")
+    for name, patches in groups.items():
+        if not patches:
+            raise MeshError(f"{what}: {name} has no patches; write a face such as {', '.join(FACE_DIRECTIONS)}")
+        forced = name in component.interfaces and component.interfaces[name].force
+        for patch in patches:
+            if patch.shape != "whole" and not forced:
+                _check_imprint(component, name, patch)
+
+
+def _check_solid(component: Component) -> None:
+    faults = find_solid_faults(component.solid)
+    if faults:
+        raise MeshError(f"component {component.name!r}: {'; '.join(faults)}")
+
+
+def _check_imprint(component: Component, name: str, patch: Patch) -> None:
+    what = f"component {component.name!r}: {name}"
+    if not patch.size or not min(patch.size) > 0.0:
+        raise MeshError(f"{what}: a {patch.shape} needs a size above zero, not {patch.size}")
+    solid = component.solid
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        return
+    if min(patch.size) < LINE_LIKE * largest_extent(solid):
+        raise MeshError(
+            f"{what}: a {patch.shape} of {1e3 * min(patch.size):.4g} mm is a point or a line on a solid of {1e3 * largest_extent(solid):.4g} mm, "
+            "and its compliance depends on the mesh; write a larger patch, or force = true"
+        )

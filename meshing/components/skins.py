@@ -1,0 +1,65 @@
+"""The visible surface of a component: of its mesh, or of the CAD or mesh file of one that is not meshed."""
+
+import dataclasses
+from typing import cast
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.skin_decimation import decimate_skin
+from headstock.geometry.parts.skins import Skin, sharp_edges
+from headstock.geometry.parts.solid_skins import solid_skin
+from headstock.geometry.parts.solids import MeshFile, Solid, StepFile
+from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.meshing import read_mesh_file
+from headstock.meshing.elements.surface import MeshSurface, extract_surface
+from headstock.meshing.elements.topology import cell_order
+
+SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through their mid-nodes
+LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
+# a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2 3) (3 0)
+WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
+SPLIT = {
+    3: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    4: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
+}
+
+
+def mesh_skin(mesh: ComponentMesh) -> Skin:
+    """Boundary triangles of a mesh; of very fine ones only some."""
+    return _boundary_skin(mesh.points, mesh.cells, mesh.kind)
+
+
+def unmeshed_skin(solid: Solid) -> Skin | None:
+    """What is seen of a solid that is not meshed: closed forms, the faces of a STEP file, the boundary of a mesh file.
+
+    Returns:
+        None for an imported superelement, which has no shape.
+
+    Raises:
+        MeshError: The file cannot be read.
+    """
+    if isinstance(solid, StepFile):
+        survey = survey_step(solid)
+        drawn = Skin(survey.points, survey.triangles, sharp_edges(survey.points, survey.triangles), "solid")
+        return decimate_skin(drawn, largest=LARGEST_SKIN)[0]
+    if isinstance(solid, MeshFile):
+        data = read_mesh_file(solid, solid.path.name)
+        drawn = _boundary_skin(data.points, data.cells, cast(CellKind, data.kind))
+        return dataclasses.replace(drawn, source="solid", nodes=None)
+    return solid_skin(solid)
+
+
+def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> Skin:
+    surface = extract_surface(cells, kind)
+    triangles = _triangles(surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW)
+    nodes, flat = np.unique(triangles, return_inverse=True)
+    points, triangles = all_points[nodes], flat.reshape(-1, 3)
+    skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh", nodes)
+    return decimate_skin(skin, largest=LARGEST_SKIN)[0]
+
+
+def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:
+    local = np.array((SPLIT if split else WHOLE)[surface.corners])
+    return np.asarray(surface.facets[:, local].reshape(-1, 3))

@@ -1,0 +1,1 @@
+"""Cells as such: numbering, quality, second order, surfaces, structured hexes. Never gmsh."""

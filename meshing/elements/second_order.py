@@ -1,0 +1,73 @@
+"""Second-order tets: elevation of straight meshes and repair of curved elements that came out inverted."""
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.elements.quality import scaled_jacobians
+from headstock.meshing.elements.topology import EDGES, FACETS, cell_family, cell_order, corner_count
+
+HALVINGS = 3
+REPAIR_ROUNDS = 40
+REPAIR_FLOOR = 0.01
+
+
+def elevate_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
+    """10-node tets with exactly centred mid-nodes from 4-node tets; new points follow the old ones."""
+    edges = cells[:, np.array(EDGES["tet"])]
+    low, high = edges.min(axis=2), edges.max(axis=2)
+    keys, inverse = np.unique(low.astype(np.int64) * len(points) + high, return_inverse=True)
+    mids = (points[keys // len(points)] + points[keys % len(points)]) / 2
+    return np.vstack([points, mids]), np.hstack([cells, len(points) + inverse.reshape(low.shape)])
+
+
+def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
+    """Points ``(n, 3)`` in which curved 10-node tets below the repair floor have been straightened, and which cells were.
+
+    The mid-nodes of a bad tet move half-way to the middle of their edges, up to three times, then all the way; neighbours
+    that turn bad by it are treated in the next round. Straight tets that are bad stay as they are.
+    """
+    points = points.copy()
+    edges = np.array(EDGES["tet"])
+    hits = np.zeros(len(points), dtype=np.int64)
+    repaired = np.zeros(len(cells), dtype=bool)
+    active = np.arange(len(cells))
+    neighbours = _cells_of_nodes(cells, len(points))
+    for _ in range(REPAIR_ROUNDS):
+        bad = active[scaled_jacobians(points, cells[active], "tet10") < REPAIR_FLOOR]
+        nodes, first = np.unique(cells[bad, 4:], return_index=True)
+        ends = cells[bad][:, edges].reshape(-1, 2)[first]
+        middles = points[ends].mean(axis=1)
+        movable = hits[nodes] <= HALVINGS
+        if not movable.any():
+            break
+        repaired[bad[np.isin(cells[bad, 4:], nodes[movable]).any(axis=1)]] = True
+        nodes, middles = nodes[movable], middles[movable]
+        share = np.where(hits[nodes] < HALVINGS, 0.5, 1.0)[:, None]
+        points[nodes] += share * (middles - points[nodes])
+        hits[nodes] += 1
+        active = np.unique(np.concatenate([neighbours[1][neighbours[0][n] : neighbours[0][n + 1]] for n in nodes]))
+    return points, np.flatnonzero(repaired)
+
+
+def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> bool:
+    """Whether every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh."""
+    if cell_order(kind) == 1:
+        return True
+    family = cell_family(kind)
+    groups: list[tuple[int, ...]] = list(EDGES[family])
+    if kind == "hex27":
+        groups += [*FACETS[family], tuple(range(8))]
+    limit = tolerance * float(np.ptp(points, axis=0).max())
+    first = corner_count(kind)
+    return all(
+        float(np.abs(points[cells[:, first + i]] - points[cells[:, list(group)]].mean(axis=1)).max()) <= limit
+        for i, group in enumerate(groups)
+    )
+
+
+def _cells_of_nodes(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
+    """Row starts and cell numbers: which cells hold each node."""
+    order = np.argsort(cells.ravel(), kind="stable")
+    starts = np.searchsorted(cells.ravel()[order], np.arange(n_points + 1))
+    return starts, order // cells.shape[1]

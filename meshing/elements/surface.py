@@ -1,0 +1,90 @@
+"""The surface of a mesh: its outward boundary facets, their match with facets of other origin, and its connected parts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSurface:
+    """Boundary facets of a mesh.
+
+    Attributes:
+        facets: ``(n, nodes per facet)`` outward, gmsh order.
+        corners: Number of corner nodes per facet, 3 or 4.
+    """
+
+    facets: IntArray
+    corners: int
+
+
+def extract_surface(cells: IntArray, kind: CellKind) -> MeshSurface:
+    """Facets that belong to one cell only, in the order of the cells."""
+    local = local_facets(kind)
+    corners = len(FACETS[cell_family(kind)][0])
+    every = cells[:, local].reshape(-1, local.shape[1])
+    keys = np.sort(every[:, :corners], axis=1)
+    _, inverse, counts = np.unique(_pack(keys), return_inverse=True, return_counts=True)
+    return MeshSurface(every[counts[inverse] == 1], corners)
+
+
+def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]:
+    """Surface facets with the same corners as ``facets``, and how many of ``facets`` are not on the surface.
+
+    Args:
+        surface: Boundary facets.
+        facets: ``(n, >= corners)``, corners first, in any orientation.
+
+    Returns:
+        Sorted indices into ``surface.facets`` without repetition, and the number of facets without a partner.
+    """
+    table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
+    wanted = np.unique(_pack(np.sort(facets[:, : surface.corners], axis=1)))
+    found = np.isin(table, wanted)
+    return np.flatnonzero(found), len(wanted) - int(found.sum())
+
+
+def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
+    """Index of the surface facet with the same corners for each of ``facets``, which all lie on the surface."""
+    table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
+    order = np.argsort(table)
+    wanted = _pack(np.sort(facets[:, : surface.corners], axis=1))
+    return np.asarray(order[np.searchsorted(table, wanted, sorter=order)])
+
+
+def facets_within(surface: MeshSurface, nodes: IntArray) -> IntArray:
+    """Indices of the surface facets all of whose corners are among ``nodes``."""
+    return np.flatnonzero(np.isin(surface.facets[:, : surface.corners], nodes).all(axis=1))
+
+
+def corner_normals(points: FloatArray, surface: MeshSurface) -> FloatArray:
+    """Unit outward normals ``(n, 3)`` of facets from their corners."""
+    corners = points[surface.facets[:, : surface.corners]]
+    if surface.corners == 3:
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    else:
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(lengths > 0.0, lengths, 1.0))
+
+
+def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, IntArray]:
+    """Number of parts of a mesh that share no node, and the part of each cell ``(n_cells,)``."""
+    corners = cells[:, : corner_count(kind)]
+    rows = np.repeat(corners[:, 0], corners.shape[1] - 1)
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, corners[:, 1:].ravel())), shape=(n_points, n_points))
+    _, labels = connected_components(graph, directed=False)
+    parts, cell_parts = np.unique(labels[corners[:, 0]], return_inverse=True)
+    return len(parts), cell_parts
+
+
+def _pack(keys: IntArray) -> IntArray:
+    """Each row of sorted node numbers as one sortable value."""
+    rows = np.ascontiguousarray(keys.astype(np.int64))
+    return rows.view([("", np.int64)] * rows.shape[1]).ravel()

@@ -1,0 +1,73 @@
+"""Reads finished meshes of Abaqus and Nastran into gmsh's node order (runs in the child process)."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.elements.topology import NODE_COUNTS
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.abaqus import AbaqusDeck, deck_positions, read_abaqus_deck
+from headstock.meshing.files.cells import kinds_message, order_hex27_faces, vtk_to_gmsh
+from headstock.meshing.process.job import MeshData
+
+MESHIO_KINDS: dict[str, CellKind] = {
+    "tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8", "hexahedron20": "hex20", "hexahedron27": "hex27",
+}  # fmt: skip
+MESHIO_SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid")
+COUNT_KINDS: dict[int, CellKind] = {count: kind for kind, count in NODE_COUNTS.items()}
+
+
+def read_abaqus_mesh(path: Path) -> MeshData:
+    """Read an ``.inp`` deck; surfaces, node sets and sets of surface elements become named sets.
+
+    Raises:
+        MeshError: The deck holds no or several kinds of solid cells, or something this reader does not know.
+    """
+    deck = read_abaqus_deck(path)
+    if len(deck.solids) != 1:
+        raise MeshError(kinds_message(path, [f"{count}-node solids" for count in deck.solids]))
+    count, rows = next(iter(deck.solids.items()))
+    kind = COUNT_KINDS[count]
+    row, points = deck_positions(deck)
+    try:
+        cells = np.array([[row[node] for node in nodes] for nodes in rows.values()], dtype=np.int64)
+        facets, node_sets = _abaqus_sets(deck, row)
+    except KeyError as error:
+        raise MeshError(f"{path.name}: node {error} is used but not defined") from error
+    if kind == "hex27":
+        cells = order_hex27_faces(points, cells)
+    return MeshData(points, vtk_to_gmsh(cells, kind), kind, facets, node_sets)
+
+
+def _abaqus_sets(deck: AbaqusDeck, row: dict[int, int]) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    surfaces = {name: [[row[node] for node in facet] for facet in facets] for name, facets in deck.surfaces.items()}
+    for name, members in deck.element_sets.items():
+        shells = [[row[node] for node in deck.shells[element]] for element in members if element in deck.shells]
+        if shells and name not in surfaces:
+            surfaces[name] = shells
+    facets = {name: np.array(rows, dtype=np.int64) for name, rows in surfaces.items()}
+    nodes = {name: np.array([row[node] for node in members], dtype=np.int64) for name, members in deck.node_sets.items()}
+    return facets, {name: members for name, members in nodes.items() if name not in facets}
+
+
+def read_nastran_mesh(path: Path) -> MeshData:
+    """Read a ``.bdf`` file; it brings no named sets.
+
+    Raises:
+        MeshError: The file holds no or several kinds of solid cells, or refers to another file.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            # meshio passes over it, and the cells in the other file would be missing without a word
+            if line.lstrip()[:7].upper() == "INCLUDE":
+                raise MeshError(f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file")
+    mesh = meshio.read(path, file_format="nastran")
+    solids = [block for block in mesh.cells if block.type.startswith(MESHIO_SOLIDS)]
+    kinds = {block.type for block in solids}
+    if len(kinds) != 1 or next(iter(kinds)) not in MESHIO_KINDS:
+        raise MeshError(kinds_message(path, sorted(kinds)))
+    kind = MESHIO_KINDS[next(iter(kinds))]
+    cells = np.concatenate([np.asarray(block.data, dtype=np.int64) for block in solids])
+    return MeshData(np.asarray(mesh.points, dtype=float), vtk_to_gmsh(cells, kind), kind)

@@ -1,0 +1,98 @@
+"""Runs a meshing job in a child process with limits of time and memory."""
+
+import errno
+import math
+import os
+import tempfile
+from pathlib import Path
+
+from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded
+from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
+from headstock.meshing.process.worker import BAD_FILE, REFUSED
+
+GMSH_WORKER = "headstock.meshing.cad.worker"
+FOREIGN_WORKER = "headstock.meshing.files.foreign_worker"
+MESH_FILES = {".msh": GMSH_WORKER, ".inp": FOREIGN_WORKER, ".bdf": FOREIGN_WORKER, ".nas": FOREIGN_WORKER}
+MEMORY_BYTES = 8 << 30
+# What honest mesh files need, so that a small file that lies about its counts is stopped early. Measured on tets and hexes:
+# readers take up to 40 times the file's size, and 0.25 GiB of address space to start; 1 to 2 s of CPU per 10 MB.
+READING_BYTES = 640 << 20
+READING_FACTOR = 100
+READING_SECONDS = 8
+READING_SECONDS_PER_MB = 1.0
+WALL_FACTOR = 4.0
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def run_job(job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = MEMORY_BYTES) -> MeshData:
+    """Run a job in a child process.
+
+    Args:
+        job: What to do.
+        what: Names the component in messages.
+        time_limit: Processor time after which the child is killed [s]; it waits for processors and disks at most four times as long.
+        memory_bytes: Limit on the child's address space.
+
+    Raises:
+        MeshError: The file is none, the child refused the job, ran out of time, memory or room on the disk, or crashed.
+    """
+    worker = GMSH_WORKER
+    # processor time, so that the same part meshes on a busy machine; it also ends a child that nobody waits for
+    limits = ChildLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
+    readable = []
+    if "path" in job.solid:
+        path = Path(job.solid["path"])
+        readable.append(path)
+        if not path.is_file():
+            raise MeshError(f"{what}: {path} is no regular file" if path.exists() else f"{what}: there is no file {path}")
+        if job.task == "file":
+            if path.suffix.lower() not in MESH_FILES:
+                raise MeshError(f"{what}: {path.name}: mesh files end in .msh (gmsh), .inp (Abaqus) or .bdf (Nastran)")
+            worker = MESH_FILES[path.suffix.lower()]
+            limits = _limit_reading(limits, path)
+    # without a name in the file system, so that nothing stays behind however this process ends
+    with tempfile.TemporaryFile() as result:
+        end = run_guarded(worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result)
+        if end.code == 0:
+            result.seek(0)
+            return read_data(result)
+        raise _failure(end, job, what)
+
+
+def _limit_reading(limits: ChildLimits, path: Path) -> ChildLimits:
+    size = path.stat().st_size
+    return ChildLimits(
+        min(limits.memory_bytes, READING_BYTES + READING_FACTOR * size),
+        min(limits.cpu_seconds, math.ceil(READING_SECONDS + READING_SECONDS_PER_MB * size / 1e6)),
+        limits.wall_seconds,
+    )
+
+
+def _failure(end: ChildEnd, job: MeshJob, what: str) -> MeshError:
+    """Why a child failed; a disk without room is the cause of the error, so that nobody takes it for a fault of the mesh."""
+    for lost in (code for code in NO_ROOM if os.strerror(code) in end.errors):
+        error = MeshError(f"{what}: the mesh could not be written: {os.strerror(lost)}; make room in {tempfile.gettempdir()}")
+        error.__cause__ = OSError(lost, os.strerror(lost))
+        return error
+    reason = _explain(end, job)
+    # a file is named once where it is all that is looked at
+    text = reason if reason.startswith(what) else f"{what}: {reason}"
+    return PartFileError(text) if end.code == BAD_FILE else MeshError(text)
+
+
+def _explain(end: ChildEnd, job: MeshJob) -> str:
+    if end.code in (REFUSED, BAD_FILE):
+        return end.last_line
+    doing, remedy = "meshing", "write a larger mesh size"
+    if job.task == "file":
+        doing, remedy = "reading the file", "check the file, which may be damaged"
+    if end.out_of_time:
+        size = "the default element size" if job.size is None else "this element size"
+        if job.task != "file":
+            doing += f" with {size}"
+            remedy += ", or remove tiny faces and edges from the CAD model; a damaged file may take as long: export it again"
+        return f"{doing} was stopped after {end.out_of_time}; {end.time_remedy or remedy}"
+    if end.out_of_memory:
+        return f"{doing} needed more than {end.memory_limit}; {end.memory_remedy or remedy}"
+    return f"the process ended with code {end.code} ({end.last_line}); it may have met {end.memory_limit}: {end.memory_remedy or remedy}"

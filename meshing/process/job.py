@@ -1,0 +1,166 @@
+"""Jobs for the meshing child process and their results, as JSON and npz."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+
+
+@dataclass(frozen=True)
+class MeshJob:
+    """What the child process is to do; lengths in the job's own unit.
+
+    Attributes:
+        task: ``shape`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
+            count cells), ``faces`` (list and triangulate its faces) or
+            ``file`` (read a finished mesh).
+        solid: Class name and fields of the solid.
+        groups: Patches of each patch group.
+        unit: Length of the job's unit [m], for messages.
+        size: Element size, None for the default rule (STEP files only).
+        across_patches: Elements across an imprint.
+        growth: Element size per distance from the rim of an imprint, on top of the size there; None for gmsh's own grading.
+        rims: Groups around which stresses are singular.
+        rim_size: Element size at their rims.
+        smallest: What curvature and short edges do not go below; None for the default share of the element size.
+        refinement: How many times finer than usual imprints and curved faces are meshed.
+        order: 1 or 2.
+        straight: Leave second-order edges straight: the parent elevates the mesh.
+    """
+
+    task: Literal["shape", "describe", "estimate", "faces", "file"]
+    solid: dict[str, Any]
+    groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    unit: float = 1.0
+    size: float | None = None
+    refinement: float = 1.0
+    across_patches: int = 4
+    growth: float | None = None
+    rims: tuple[str, ...] = ()
+    rim_size: float | None = None
+    smallest: float | None = None
+    order: int = 2
+    straight: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MeshData:
+    """What the child process found; lengths in the job's own unit.
+
+    Attributes:
+        points: ``(n, 3)``; empty when only described.
+        cells: ``(n, nodes per cell)`` in gmsh order.
+        kind: Cell kind, or None when only described.
+        facets: Facet corners ``(n, 3 or 4)`` of each group or named surface set.
+        node_sets: Node numbers of each named node set.
+        properties: Of the CAD shape with its patch groups, or None for a mesh file.
+        size: Element size that was used.
+        estimate: Number of cells that were expected.
+        nodes: Number of nodes that were expected, 0 where only cells were.
+        owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0 inside, empty where not known.
+        remarks: What the user should know of how the shape was meshed.
+        faces: Fields of the ``CadFace`` of each face, lengths in the job's own unit.
+        curved: Facets on curved faces; None where none was looked for.
+    """
+
+    points: FloatArray
+    cells: IntArray
+    kind: CellKind | None
+    facets: dict[str, IntArray] = field(default_factory=dict)
+    node_sets: dict[str, IntArray] = field(default_factory=dict)
+    properties: SolidProperties | None = None
+    size: float = 0.0
+    estimate: int = 0
+    nodes: int = 0
+    remarks: list[str] = field(default_factory=list)
+    owners: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    faces: list[dict[str, Any]] = field(default_factory=list)
+    curved: CurvedFacets | None = None
+
+
+def describe_patch(patch: Patch, scale: float) -> dict[str, Any]:
+    """A patch as plain data with its lengths divided by ``scale``."""
+    data = dataclasses.asdict(patch)
+    data["center"] = [value / scale for value in patch.center]
+    data["size"] = [value / scale for value in patch.size]
+    return data
+
+
+def read_patch(data: Mapping[str, Any]) -> Patch:
+    """The inverse of ``describe_patch`` in the job's unit."""
+    x, y, z = data["center"]
+    return Patch(data["face"], data["shape"], (x, y, z), tuple(data["size"]), data["along"])
+
+
+def format_job(job: MeshJob) -> str:
+    """A job as JSON."""
+    return json.dumps(dataclasses.asdict(job))
+
+
+def parse_job(text: str) -> MeshJob:
+    """A job from JSON."""
+    return MeshJob(**json.loads(text))
+
+
+def write_data(file: BinaryIO, data: MeshData) -> None:
+    """Write a result as npz without pickle."""
+    arrays: dict[str, NDArray[Any]] = {"points": data.points, "cells": data.cells, "owners": data.owners}
+    arrays |= {f"facets_{i}": array for i, array in enumerate(data.facets.values())}
+    arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
+    meta: dict[str, Any] = {"kind": data.kind, "facets": list(data.facets), "node_sets": list(data.node_sets), "size": data.size}
+    meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks, "faces": data.faces}
+    if data.curved is not None:
+        arrays |= {"curved_nodes": data.curved.nodes, "curved_nearest": data.curved.nearest, "curved_shares": data.curved.shares}
+    if data.properties is not None:
+        found = dataclasses.asdict(data.properties)
+        meta["properties"] = json.loads(json.dumps(found, default=lambda array: array.tolist()))
+    np.savez(file, meta=np.array(json.dumps(meta)), **arrays)  # type: ignore[arg-type]
+
+
+def read_data(file: BinaryIO) -> MeshData:
+    """Read a result written by ``write_data``."""
+    with np.load(file, allow_pickle=False) as store:
+        meta = json.loads(str(store["meta"]))
+        return MeshData(
+            store["points"],
+            store["cells"],
+            meta["kind"],
+            facets={name: store[f"facets_{i}"] for i, name in enumerate(meta["facets"])},
+            node_sets={name: store[f"nodes_{i}"] for i, name in enumerate(meta["node_sets"])},
+            properties=_read_properties(meta["properties"]) if "properties" in meta else None,
+            size=meta["size"],
+            estimate=meta["estimate"],
+            nodes=meta["nodes"],
+            remarks=meta["remarks"],
+            owners=store["owners"],
+            faces=meta["faces"],
+            curved=CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
+            if "curved_nodes" in store
+            else None,
+        )
+
+
+def scale_properties(properties: SolidProperties, scale: float) -> SolidProperties:
+    """Properties in metres from properties in a unit of ``scale`` metres."""
+    return SolidProperties(
+        properties.volume * scale**3,
+        properties.center * scale,
+        properties.inertia * scale**5,
+        {name: area * scale**2 for name, area in properties.patch_areas.items()},
+        {name: centroid * scale for name, centroid in properties.patch_centroids.items()},
+    )
+
+
+def _read_properties(data: Mapping[str, Any]) -> SolidProperties:
+    centroids = {name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()}
+    center, inertia = (np.array(data[name], dtype=float) for name in ("center", "inertia"))
+    return SolidProperties(data["volume"], center, inertia, data["patch_areas"], centroids)

@@ -1,0 +1,32 @@
+"""What both child processes do: read a job, perform it within its limits, write the result or one line of refusal."""
+
+import os
+import sys
+from collections.abc import Callable
+
+from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.process.guarded import accept_guard
+from headstock.meshing.process.job import MeshData, MeshJob, parse_job, write_data
+
+REFUSED, BAD_FILE = 3, 4
+
+
+def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> int:
+    """Do the job that comes on standard input and write its result to a file the parent holds open.
+
+    Args:
+        arguments: The guard, and the number of the open file that takes the result (npz).
+        perform: Does the job.
+
+    Returns:
+        Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame.
+    """
+    (result,) = accept_guard(arguments)
+    try:
+        data = perform(parse_job(sys.stdin.read()))
+    except MeshError as error:
+        sys.stderr.write("\n" + " ".join(str(error).split()) + "\n")
+        return BAD_FILE if isinstance(error, PartFileError) else REFUSED
+    with os.fdopen(int(result), "wb") as file:
+        write_data(file, data)
+    return 0

@@ -1,0 +1,1 @@
+"""Settings searched for a stated accuracy. Never printing."""

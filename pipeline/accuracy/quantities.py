@@ -1,0 +1,131 @@
+"""What a scene asks for as a list of numbers with relative errors, and who owns the largest."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.stages.run_state import RunState
+
+# What ± takes to cover 95 % of true errors (`validate coverage`) counts until a component was refined: then its rounds tell how good
+# its estimates are (accuracy_levels.py).
+MESH_SAFETY = 1.8
+RIGID_MODEL = "rigid model"
+
+Owner = tuple[str, str]  # component, source of error
+Factors = Mapping[tuple[str, Owner], float]  # key of a number and owner to what the estimate is multiplied by
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A requested number.
+
+    Attributes:
+        key: Which one, the same in every round.
+        name: In plain words.
+        value: [Hz] or [m/N].
+        parts: Component and source to their relative part of the error; inf where there is no bound.
+    """
+
+    key: str
+    name: str
+    value: float
+    parts: Mapping[Owner, float]
+
+    @property
+    def error(self) -> float:
+        """Relative error, all parts together."""
+        return sum(self.parts.values())
+
+    @property
+    def owner(self) -> Owner:
+        """Component and source with the largest part."""
+        return max(self.parts, key=lambda key: self.parts[key])
+
+
+def list_quantities(state: RunState, rigid: Mapping[str, float]) -> list[Quantity]:
+    """Every frequency and compliance that a run has found, with its error in parts as estimated; on rank 0.
+
+    Args:
+        state: After its analyses.
+        rigid: Components that were taken as rigid to save time, and the share of any number that this may cost.
+    """
+    extra = {(name, RIGID_MODEL): share for name, share in rigid.items()}
+    found = (*_list_frequencies(state), *_list_compliances(state))
+    return [dataclasses.replace(quantity, parts={**quantity.parts, **extra}) for quantity in found]
+
+
+def count_safely(quantities: list[Quantity], factors: Factors) -> list[Quantity]:
+    """The same with their errors as they are to be counted.
+
+    Args:
+        quantities: With errors as estimated.
+        factors: For numbers of which two rounds tell.
+    """
+
+    def factor(key: str, owner: Owner) -> float:
+        return factors.get((key, owner), MESH_SAFETY if owner[1] == DISCRETISATION else 1.0)
+
+    return [
+        dataclasses.replace(quantity, parts={owner: factor(quantity.key, owner) * part for owner, part in quantity.parts.items()})
+        for quantity in quantities
+    ]
+
+
+def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
+    """The one with the largest relative error; None where nothing has an error."""
+    known = [quantity for quantity in quantities if quantity.parts]
+    return max(known, key=lambda quantity: quantity.error) if known else None
+
+
+def elastic_shares(state: RunState) -> dict[str, float]:
+    """Largest share of the strain energy of each component in any requested number."""
+    found: dict[str, float] = {}
+    shares = [share for modes in state.modal for share in modes.energy_share[modes.rigid_count :]]
+    shares += [share for points in state.static.values() for point in points.values() for share in point.budget.values()]
+    for table in shares:
+        for name, share in table.items():
+            found[name] = max(found.get(name, 0.0), share)
+    return found
+
+
+def _list_frequencies(state: RunState) -> Iterator[Quantity]:
+    poses = len(state.modal) > 1
+    for modes in state.modal:
+        place = f" in pose {modes.pose.name}" if poses else ""
+        for index in range(modes.rigid_count, len(modes.frequencies_hz)):
+            hz = float(modes.frequencies_hz[index])
+            parts = _relative_parts(state, modes.errors[index], hz)
+            if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
+                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
+            yield Quantity(f"frequency {index + 1}{place}", f"frequency {index + 1} ({hz:.4g} Hz){place}", hz, parts)
+
+
+def _list_compliances(state: RunState) -> Iterator[Quantity]:
+    poses = len(state.static) > 1
+    for pose, points in state.static.items():
+        for name, point in points.items():
+            for axis, (direction, error) in enumerate(point.errors.items()):
+                value = float(point.compliance[axis, axis])
+                if value > 0.0:
+                    what = f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}"
+                    yield Quantity(what, what, value, _relative_parts(state, error, value))
+
+
+def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owner, float]:
+    """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved faces, too."""
+    found: dict[Owner, float] = {}
+    for source, sizes in error.parts.items():
+        for name, size in sizes.items():
+            owner = name, DISCRETISATION if source == CURVED_FACES else source
+            covering = state.reduced[name].superelement.mesh_safety if source == DISCRETISATION else 1.0
+            if size > 0.0:
+                found[owner] = found.get(owner, 0.0) + size / covering / value
+    return found
+
+
+def _short_of(state: RunState, hz: float) -> list[str]:
+    """Components whose modes are complete only to below a frequency."""
+    return [name for name, part in state.reduced.items() if part.superelement.truncation and part.superelement.cutoff_hz <= hz]

@@ -1,0 +1,206 @@
+"""Whether a round of a search is good enough, and what is refined where it is not."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.geometry.parts.solids import MeshFile
+from headstock.pipeline.accuracy.accuracy_levels import weigh_estimates
+from headstock.pipeline.accuracy.quantities import (
+    RIGID_MODEL,
+    Factors,
+    Owner,
+    Quantity,
+    count_safely,
+    elastic_shares,
+    list_quantities,
+    worst_quantity,
+)
+from headstock.pipeline.accuracy.settings import (
+    Trial,
+    are_twins,
+    is_chosen,
+    refine_mesh,
+    refine_modes,
+)
+from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.scene import AccuracyGoal, Scene
+
+AIM = 0.9  # share of the accuracy that the next round aims at
+RIGID_SHARE = 0.2  # of the accuracy, that all bodies taken as rigid may cost together
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What the rounds so far have taught.
+
+    Attributes:
+        trials: Of each component, its meshes so far and the largest error they owned.
+        rigid: Components that were taken as rigid, and the share of any number that this may cost.
+        quantities: Numbers of the last round, with errors as estimated.
+        sizes: Mesh sizes of the last round [m].
+        factors: By how much estimates are to be multiplied.
+    """
+
+    trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
+    rigid: Mapping[str, float] = field(default_factory=dict)
+    quantities: Sequence[Quantity] = ()
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    factors: Factors = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is told of it."""
+
+    ends: bool
+    scene: Scene
+    round: Json
+    changes: Mapping[str, str] = field(default_factory=dict)
+    failure: str = ""
+
+
+def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: History) -> tuple[Verdict, History]:
+    """Whether a round is good enough, and else what is refined; and what it adds to the history."""
+    parts = scene.machine.components
+    estimated = list_quantities(state, history.rigid)
+    sizes = {name: part.mesh.size for name, part in parts.items() if part.mesh.size is not None and is_chosen(part)}
+    steps = {name: size / history.sizes[name] for name, size in sizes.items() if size < history.sizes.get(name, 0.0)}
+    factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
+    quantities = count_safely(estimated, factors)
+    worst = worst_quantity(quantities)
+    if worst is None:
+        return Verdict(True, scene, {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}), history
+    component, source = worst.owner
+    because = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
+    found: Json = {"quantity": worst.name, "error": _finite(worst.error), "owner": component, "source": source, "because": because}
+    if worst.error <= goal.to or state.failures:
+        return Verdict(True, scene, found), history
+    may_be_rigid = goal.fidelity and not history.trials
+    rigid = {**history.rigid, **(_rigid_candidates(state, parts, goal.to) if may_be_rigid else {})}
+    parts = {**parts, **{name: dataclasses.replace(parts[name], fidelity="rigid") for name in rigid}}
+    learnt = History(_remember(history.trials, parts, estimated, quantities), rigid, estimated, sizes, factors)
+    wanted = _share_with_twins(_wanted_ratios(quantities, goal.to, rigid), parts)
+    return _refine(scene, state, parts, wanted, learnt.trials, found), learnt
+
+
+def _refine(
+    scene: Scene,
+    state: RunState,
+    parts: Mapping[str, Component],
+    wanted: Mapping[Owner, float],
+    trials: Mapping[str, tuple[Trial, ...]],
+    found: Json,
+) -> Verdict:
+    """The next scene, in which the errors of some owners should be so many times what they are."""
+    finer = dict(parts)
+    for (name, kind), ratio in wanted.items():
+        if kind == RIGID_MODEL or (isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION):
+            return Verdict(True, scene, found, failure=f"the {kind} of {name} is not ours to refine")
+        if kind == DISCRETISATION:
+            finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
+        else:
+            cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
+            finer[name] = refine_modes(finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
+    changes = {
+        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found['because']}"
+        for name, part in finer.items()
+        if describe_settings(part) != describe_settings(scene.machine.components[name])
+    }
+    return Verdict(False, replace_components(scene, finer), found | {"changes": changes}, changes)
+
+
+def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]) -> dict[Owner, float]:
+    """For each number that is too far off, by what factor the parts that own most of it must fall."""
+    wanted: dict[Owner, float] = {}
+    for quantity in quantities:
+        if quantity.error <= accuracy:
+            continue
+        largest = quantity.parts[quantity.owner]
+        for owner, part in quantity.parts.items():
+            if part < 0.5 * largest or owner[0] in rigid:
+                continue
+            rest = quantity.error - part
+            ratio = AIM * accuracy / quantity.error if not rest < 0.5 * AIM * accuracy else (AIM * accuracy - rest) / part
+            wanted[owner] = min(wanted.get(owner, 1.0), ratio if np.isfinite(part) else 0.0)
+    return wanted
+
+
+def _share_with_twins(wanted: Mapping[Owner, float], parts: Mapping[str, Component]) -> dict[Owner, float]:
+    """The same with equal components refined alike, so that one superelement serves them all."""
+    return {
+        (other, kind): min(ratio for (name, same), ratio in wanted.items() if same == kind and are_twins(parts[name], parts[other]))
+        for owner, kind in wanted
+        for other in parts
+        if is_chosen(parts[other]) and are_twins(parts[owner], parts[other])
+    }
+
+
+def _remember(
+    trials: Mapping[str, tuple[Trial, ...]],
+    parts: Mapping[str, Component],
+    estimated: Sequence[Quantity],
+    counted: Sequence[Quantity],
+) -> dict[str, tuple[Trial, ...]]:
+    """The trials with those of this round."""
+    longer = dict(trials)
+    for name, part in parts.items():
+        twins = [other for other in parts if are_twins(part, parts[other])]
+        largest, largest_counted = (
+            max((quantity.parts.get((other, DISCRETISATION), 0.0) for quantity in quantities for other in twins), default=0.0)
+            for quantities in (estimated, counted)
+        )
+        known = trials.get(name, ())
+        if part.mesh.size is not None and largest > 0.0 and (not known or known[-1].size != part.mesh.size):
+            longer[name] = (*known, Trial(part.mesh.size, largest, largest_counted))
+    return longer
+
+
+def _rigid_candidates(state: RunState, parts: Mapping[str, Component], accuracy: float) -> dict[str, float]:
+    """Components so stiff beside the rest that taking them as rigid costs a small part of the accuracy."""
+    shares = elastic_shares(state)
+    chosen = sorted((shares.get(name, 0.0), name) for name, part in parts.items() if is_chosen(part))
+    found: dict[str, float] = {}
+    for share, name in chosen:
+        cost = share / (1.0 - share) if share < 1.0 else np.inf
+        if sum(found.values()) + cost <= RIGID_SHARE * accuracy:
+            found[name] = float(cost)
+    return found
+
+
+def _highest_found(state: RunState) -> float:
+    return max((float(modes.frequencies_hz[-1]) for modes in state.modal if len(modes.frequencies_hz)), default=0.0)
+
+
+def replace_components(scene: Scene, components: Mapping[str, Component]) -> Scene:
+    """The scene with other components."""
+    return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, components=dict(components)))
+
+
+def describe_settings(component: Component) -> str:
+    """Mesh and modes of a component in the words of a scene."""
+    if component.fidelity == "rigid":
+        return "rigid"
+    mesh, settings = component.mesh, component.reduction
+    if isinstance(component.solid, MeshFile):
+        size = "mesh of the file"
+    else:
+        patches = "" if mesh.across_patches == MeshSettings().across_patches else f", {mesh.across_patches} across patches"
+        rims = "" if mesh.rim_size is None else f", {1e3 * mesh.rim_size:.3g} mm at rims"
+        growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
+        size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
+    return size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
+
+
+def show_share(share: float) -> str:
+    """A relative error in per cent."""
+    return f"{100.0 * share:.2g} %" if np.isfinite(share) else "an unknown amount"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,150 @@
+"""The cheapest settings for a stated accuracy: start cheap, refine what owns the largest error, take the rest from the store."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from headstock.pipeline.accuracy.rounds import History, describe_settings, judge_round, replace_components, show_share
+from headstock.pipeline.accuracy.settings import (
+    COARSE_ACCURACY,
+    are_twins,
+    is_chosen,
+    mode_margin,
+    start_component,
+)
+from headstock.pipeline.planning.budgets import BudgetError
+from headstock.pipeline.planning.plan import Plan, Stage
+from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.rank_messages import share_from_root
+
+MOST_ROUNDS = 9
+
+RunRound = Callable[[Scene, Plan], RunState]
+Note = Callable[[Stage, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class AccuracySearch:
+    """How a search for settings ended.
+
+    Attributes:
+        scene: With the settings chosen.
+        state: Of the last round, complete on rank 0.
+        summary: Rounds, settings and errors, as in ``summary.json``.
+        failure: Why the accuracy was not reached, in plain words; empty when it was.
+    """
+
+    scene: Scene
+    state: RunState
+    summary: Json
+    failure: str = ""
+
+
+def start_scene(scene: Scene) -> Scene:
+    """A scene with the settings that a search for its accuracy begins with, and the analyses that errors are estimated of."""
+    return _start_scene(scene, _goal(scene).to)
+
+
+def _start_scene(scene: Scene, accuracy: float) -> Scene:
+    """Where one body makes all of the error, its mesh begins as fine as the accuracy asks; among several most need it coarse."""
+    analyses, modes_to = _round_analyses(scene.analyses), _modes_to(scene.analyses, _goal(scene).to)
+    chosen = [part for part in scene.machine.components.values() if is_chosen(part)]
+    one = all(are_twins(chosen[0], part) for part in chosen)
+    components = {
+        name: start_component(part, accuracy if one else max(accuracy, COARSE_ACCURACY), modes_to) if is_chosen(part) else part
+        for name, part in scene.machine.components.items()
+    }
+    return replace_components(dataclasses.replace(scene, analyses=analyses), components)
+
+
+def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySearch:
+    """Refine until every requested number is right to the scene's accuracy; collective.
+
+    Args:
+        scene: With an accuracy.
+        run_round: Runs a scene's plan without writing anything.
+        note: Told of each refinement on rank 0.
+
+    Raises:
+        BudgetError: Not even the coarsest settings fit the limits.
+    """
+    goal, rounds = _goal(scene), []
+    history = History()
+    current, plan = plan_start(scene)
+    state = run_round(current, plan)
+    failure = ""
+    for number in range(MOST_ROUNDS):
+        judged = judge_round(current, state, goal, history) if state.is_root else None
+        verdict, history = share_from_root(state.comm, judged)
+        rounds.append(verdict.round)
+        failure = verdict.failure
+        if verdict.ends:
+            break
+        if number == MOST_ROUNDS - 1:
+            failure = f"{MOST_ROUNDS} rounds were not enough"
+            break
+        try:
+            plan = plan_scene(verdict.scene)
+        except BudgetError as error:
+            failure = str(error)
+            break
+        if state.is_root:
+            for name, change in verdict.changes.items():
+                note(Stage("refine", name, verdict.round["because"]), change)
+        current, state = verdict.scene, run_round(verdict.scene, plan)
+    last = rounds[-1] if rounds else {}
+    summary = {
+        "asked": goal.to,
+        "estimated": last.get("error"),
+        "met": not failure,
+        "reason": failure,
+        "rounds": rounds,
+        "settings": {
+            name: describe_settings(part)
+            for name, part in current.machine.components.items()
+            if is_chosen(part) or name in history.rigid
+        },
+    }
+    if failure:
+        failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last['quantity']} within {show_share(last['error'])}: {failure}"
+    return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, summary, failure)
+
+
+def plan_start(scene: Scene) -> tuple[Scene, Plan]:
+    """The first round: settings, and stages up to the analyses that errors are estimated of.
+
+    Raises:
+        BudgetError: Not even the coarsest settings fit the limits.
+    """
+    current = start_scene(scene)
+    try:
+        return current, plan_scene(current)
+    except BudgetError:
+        current = _start_scene(scene, COARSE_ACCURACY)
+        return current, plan_scene(current)
+
+
+def _round_analyses(analyses: Analyses) -> Analyses:
+    """The analyses that say how far off a machine is: statics, and modes as far up as any analysis looks."""
+    modal, frf = analyses.modal, analyses.frf
+    if modal is None and frf is not None:
+        modal = ModalRequest(up_to_hz=frf.to_hz, poses=frf.poses)
+    return Analyses(static=analyses.static, modal=modal)
+
+
+def _modes_to(analyses: Analyses, accuracy: float) -> float | None:
+    """Up to where modes are kept at first; None where frequencies are counted, so that nothing is known of their height yet."""
+    modal, frf = analyses.modal, analyses.frf
+    reaches = [] if modal is None or modal.up_to_hz is None else [mode_margin(accuracy) * modal.up_to_hz]
+    reaches += [] if frf is None else [FRF_MARGIN * frf.to_hz]
+    return max(reaches, default=None)
+
+
+def _goal(scene: Scene) -> AccuracyGoal:
+    if scene.accuracy is None:
+        raise ValueError("the scene asks for no accuracy")
+    return scene.accuracy

@@ -1,0 +1,194 @@
+"""With which mesh and modes a component starts when an accuracy is asked for, and how they are refined."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.parts.components import CellShape, Component, MeshSettings, ReductionSettings
+from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.solids import Box, MeshFile, StepFile, SuperelementFile
+from headstock.meshing.components.meshing import automatic_size, count_hexes
+from headstock.meshing.sizing import DEFAULT_CELLS, SIZE_STEP, estimate_tets, largest_extent, thinnest_feature
+
+# Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex across: a quarter of it).
+START_SHARE = 0.95
+START_ACCURACY = 0.01  # that this and COARSER_THAN_RULE may reach; more is asked of finer meshes at once
+COARSE_ACCURACY = 0.03
+FEWEST_ALONG = 3
+MOST_ACROSS = 40
+PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
+COARSER_THAN_RULE = 3.0
+# a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2 times (`validate reduction`)
+MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
+REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
+# errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of hexes (about 1)
+DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
+FILE_RATE = 1.5  # CAD parts have sharp inner edges all over
+LEAST_STEP, LARGEST_STEP = 0.85, 0.6  # five times the dofs: where errors fall slowly, more would overshoot
+# Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without limit, and errors fall like the first
+# or second power of the size there, which falls faster than the size elsewhere; grading makes that cheap.
+LEAST_GROWTH, RIM_POWER = 0.25, 1.5
+
+
+@dataclass(frozen=True)
+class Grading:
+    """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a share of the size elsewhere."""
+
+    across: int
+    growth: float
+    rim_share: float
+
+
+COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(12, 0.35, 0.2)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A mesh size that was tried [m] and the largest relative error that it owned, as estimated and as counted."""
+
+    size: float
+    error: float
+    counted: float
+
+
+def is_chosen(component: Component) -> bool:
+    """Whether mesh and modes of a component are ours to choose."""
+    return component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
+
+
+def start_component(component: Component, accuracy: float, modes_to_hz: float | None) -> Component:
+    """A component with the cheapest settings that are likely to do.
+
+    Args:
+        component: Elastic.
+        accuracy: Relative error allowed.
+        modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
+    """
+    reduction = ReductionSettings(modes_to_hz=modes_to_hz, verify=component.reduction.verify)
+    if isinstance(component.solid, MeshFile):
+        return dataclasses.replace(component, reduction=reduction)
+    return dataclasses.replace(component, reduction=reduction, mesh=_start_mesh(component, accuracy))
+
+
+def mode_margin(accuracy: float) -> float:
+    """How many times the highest frequency wanted the modes must reach so that they take their share of the error."""
+    return MODE_MARGIN * max(1.0, math.pow(MODE_ERROR / (REDUCTION_SHARE * accuracy), 1.0 / MODE_RATE))
+
+
+def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
+    """The component with a mesh size at which its error should be so many times what it is."""
+    mesh = component.mesh
+    if mesh.size is None:
+        raise ValueError("a mesh without a size cannot be refined")
+    step = float(np.clip(ratio ** (1.0 / observed_rate(trials, _expected_rate(component))), LARGEST_STEP, LEAST_STEP))
+    return dataclasses.replace(component, mesh=_shrink(component, mesh, step))
+
+
+def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
+    """A mesh with sizes that are so many times what they are, and that much finer where stresses are singular."""
+    finer = dataclasses.replace(
+        mesh, size=_round(step * (mesh.size or 0.0)), across_patches=_shrink_imprints(component, mesh, step)
+    )
+    if mesh.growth is not None:
+        finer = dataclasses.replace(finer, growth=_round(max(LEAST_GROWTH, np.sqrt(step) * mesh.growth)))
+    if mesh.rim_size is not None:
+        finer = dataclasses.replace(finer, rim_size=_round(step**RIM_POWER * mesh.rim_size))
+    return finer
+
+
+def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> int:
+    """Elements at imprints do not follow the size; those of a block of hexes do where they are as large."""
+    narrowest = _narrowest_patch(component)
+    if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
+        return mesh.across_patches
+    return min(MOST_ACROSS, math.ceil(mesh.across_patches / step))
+
+
+def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float) -> Component:
+    """The component with modes up to where their error should be so many times what it is."""
+    factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
+    reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
+    settings = ReductionSettings(modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify)
+    return dataclasses.replace(component, reduction=settings)
+
+
+def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
+    """Power of the mesh size with which the error of the last two trials fell; what is expected of the first one alone.
+
+    Where numbers settle faster than their estimates fall, they are believed up to what is expected.
+    """
+    if len(trials) < 2:
+        return expected
+    before, after = trials[-2:]
+    estimated = _rate(before.size / after.size, before.error / after.error)
+    counted = _rate(before.size / after.size, before.counted / after.counted)
+    return max(estimated, min(counted, expected))
+
+
+def _expected_rate(component: Component) -> float:
+    return FILE_RATE if isinstance(component.solid, StepFile) else DEFAULT_RATE
+
+
+def _rate(finer: float, better: float) -> float:
+    if finer <= 1.0 or better <= 1.0:
+        return SLOWEST_RATE
+    return float(np.clip(math.log(better) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
+
+
+def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
+    solid = component.solid
+    step = min(1.0, (accuracy / START_ACCURACY) ** (1.0 / _expected_rate(component)))
+    if isinstance(solid, StepFile):
+        return _shrink(component, _grade(component, _round(COARSER_THAN_RULE * automatic_size(component)), accuracy), step)
+    if isinstance(solid, MeshFile | SuperelementFile):
+        raise ValueError("the mesh of a file is not ours to choose")
+    thinnest = thinnest_feature(solid)
+    size = _round(min(START_SHARE * thinnest, largest_extent(solid) / FEWEST_ALONG))
+    while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
+        step = min(1.0, SIZE_STEP * step)
+    cells = _choose_cells(component, size)
+    return _shrink(component, MeshSettings(size, cells=cells) if cells == "hex" else _grade(component, size, accuracy), step)
+
+
+def _grade(component: Component, size: float, accuracy: float) -> MeshSettings:
+    """Tets of a size that grow from the rims of patches and of rigid interfaces."""
+    imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
+    if not imprinted and not rigid:
+        return MeshSettings(size)
+    grading = COARSE_GRADING if accuracy >= COARSE_ACCURACY else START_GRADING
+    across = grading.across if imprinted else MeshSettings().across_patches
+    rim_size = _round(grading.rim_share * size) if rigid else None
+    return MeshSettings(size, across_patches=across, growth=grading.growth, rim_size=rim_size)
+
+
+def _choose_cells(component: Component, size: float) -> CellShape:
+    """Hexes are cheaper at the same error where patches are not small and do not fill the block with grid lines."""
+    solid = component.solid
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    round_ones = any(patch.shape == "disk" for patch in patches)
+    if not isinstance(solid, Box) or round_ones or _narrowest_patch(component) < size:
+        return "tet"
+    plain = math.prod(math.ceil(side / size) for side in solid.size)
+    return "hex" if count_hexes(component, size) <= PATCHES_ADD * plain else "tet"
+
+
+def _narrowest_patch(component: Component) -> float:
+    """Narrowest imprint of a component [m]; inf without any."""
+    patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
+    return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
+
+
+def _has_rigid_rims(component: Component) -> bool:
+    """Whether an area is held rigidly, so that stresses grow without limit at its rim."""
+    return any(interface.coupling == "rigid" for interface in component.interfaces.values())
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def are_twins(first: Component, second: Component) -> bool:
+    """Whether two components are equal but for their name and place, so that the store serves one with the superelement of the other."""
+    return all(getattr(first, name) == getattr(second, name) for name in ("solid", "material", "interfaces", "mass", "fidelity"))

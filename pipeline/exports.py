@@ -1,0 +1,94 @@
+"""The state space of a machine in a pose, as a file for MATLAB."""
+
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+from mpi4py import MPI
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.runner import HANDLERS
+from headstock.pipeline.stages.damped_machines import damp_system
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.outputs import check_output, write_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.requests import Analyses, FrfRequest
+from headstock.scene.scene import Scene
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.state_space import StateSpace, to_state_space
+from headstock.solvers.rank_messages import share_from_root
+from headstock.solvers.second_order import Port
+from headstock.solvers.system_ports import name_port
+
+
+def export_state_space(
+    scene: Scene, path: Path, *, up_to_hz: float, pose: str | None, comm: MPI.Comm, origin: Provenance | None = None
+) -> str:
+    """Write the state space between the ports of ``[analyses.frf]``, or x, y and z of every point, as a ``.mat`` file.
+
+    Args:
+        scene: The same on every rank; its damping counts.
+        path: File to write, whole or not at all.
+        up_to_hz: Modes up to here become states, the others act statically.
+        pose: Name of a pose; the first unless given.
+        comm: Collective.
+        origin: Written with it.
+
+    Returns:
+        What was written, in a few words; on every rank.
+
+    Raises:
+        ModelError: There is no such pose or no point.
+        HeadstockError: A computation or the file failed.
+    """
+    name = pose or next(iter(scene.poses))
+    if name not in scene.poses:
+        raise ModelError(f"the scene has no pose {name!r}; poses: {', '.join(scene.poses)}")
+    check_output(path)
+    inputs, outputs = _ports(scene)
+    request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
+    wanted = dataclasses.replace(scene, analyses=Analyses(frf=request))
+    state = RunState(wanted, plan_scene(wanted), comm, Store(default_store_root()))
+    for stage in state.plan.stages:
+        if stage.component is not None or stage.kind == "couple":
+            HANDLERS[stage.kind](state, stage)
+    text = ""
+    if state.is_root:
+        if state.coupled is None:
+            raise ModelError("a state space is exported from machines of joined components only, not from a lumped mechanism")
+        system = damp_system(state, state.coupled.system)
+        space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
+        write_output(path, encode_mat(space, origin))
+        sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"
+        text = f"{path}: pose {name}, {sizes}, modes up to {up_to_hz:g} Hz"
+    return str(share_from_root(comm, text))
+
+
+def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
+    """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``; where it comes from as a structure."""
+    image = io.BytesIO()
+    names = {"inputs": space.inputs, "outputs": space.outputs}
+    cells = {key: np.array([name_port(port) for port in ports], dtype=object) for key, ports in names.items()}
+    states = np.array(space.states, dtype=object)
+    content: dict[str, Any] = {"A": space.a, "B": space.b, "C": space.c, "D": space.d, **cells, "states": states}
+    if origin is not None:
+        words = origin.summarise_for_export()
+        content["provenance"] = {
+            key: np.array(value, dtype=object) if isinstance(value, list) else "" if value is None else value
+            for key, value in words.items()
+        }
+    scipy.io.savemat(image, content)
+    return image.getvalue()
+
+
+def _ports(scene: Scene) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
+    if scene.analyses.frf is not None:
+        return scene.analyses.frf.inputs, scene.analyses.frf.outputs
+    ports = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
+    if not ports:
+        raise ModelError("there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs")
+    return ports, ports

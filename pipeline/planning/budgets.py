@@ -1,0 +1,173 @@
+"""Degrees of freedom, memory and time before anything is computed."""
+
+import os
+from collections.abc import Sequence
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.geometry.parts.materials import weigh_modes
+from headstock.meshing.sizing import CELL_BUDGET
+from headstock.pipeline.planning.plan import Stage
+
+# Nodes per cell of an endless mesh, and how much its surface adds: 1 + share / cells^(1/3); measured on blocks, within a quarter.
+NODES_PER_CELL = {("tet", 1): (0.18, 7.0), ("tet", 2): (1.38, 4.7), ("hex", 1): (1.0, 2.4), ("hex", 2): (8.0, 2.4)}
+# Measured on steel blocks of 20k to 1M dofs with one MUMPS factorisation and 32 reduced dofs: 0.26, 1.2, 4.0, 17.7 GB.
+REFERENCE_DOFS = 100_000
+REFERENCE_MB = 1100.0
+MEMORY_EXPONENT = 1.2
+BASE_MB = 130.0
+COPIES_OF_BASIS = 2
+# CPU seconds of assembly, factorisation and errors at 100k dofs, and per dof and reduced dof, on one core of a virtual AMD EPYC: the
+# shipped scenes (11k to 223k dofs, 14 to 236 reduced ones, tets and hexes) took 0.7 to 1.4 times as long (benchmarks/plan.py)
+REFERENCE_SECONDS = 4.2
+SECONDS_EXPONENT = 1.4
+SECONDS_PER_ENTRY = 6e-7
+MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
+MESHING_START = {"tet": 0.3, "hex": 0.03}
+STAGE_SECONDS = {
+    "segment": 0.01,
+    "couple": 0.03,
+    "place": 0.005,
+    "static": 0.005,
+    "recover": 0.5,
+    "modal": 0.05,
+    "spread": 0.2,
+    "frf": 0.08,
+    "control": 0.06,
+    "write": 0.05,
+}
+STEPS_PER_SECOND = 3e4  # of a contour
+POSES_PER_SECOND = 7e3  # of a map
+MOST_GUESSED_MODES = 300
+STATION_DOFS = 4
+# estimates are refused only where they exceed the limit by more than their own error; the run itself stops at the limit
+TIME_MARGIN = 2.0
+
+
+class BudgetError(HeadstockError):
+    """A scene asks for more than the machine or its own limits allow; nothing has been computed."""
+
+
+def displacement_dofs(cells: int, settings: MeshSettings) -> int:
+    """Displacement dofs of a mesh with so many cells."""
+    nodes, surface_share = NODES_PER_CELL[settings.cells, settings.order]
+    return round(3 * nodes * cells * (1.0 + surface_share / float(max(cells, 1) ** (1.0 / 3.0))))
+
+
+def mesh_memory_mb(dofs: int) -> float:
+    """Peak memory of meshing [MB]: about 1 kB per dof in the mesher."""
+    return BASE_MB + dofs / 1000.0
+
+
+def reduction_memory_mb(dofs: int, component: Component) -> float:
+    """Peak memory of assembly, factorisation and reduction [MB]; grows like ``n^1.2`` with a sparse direct solver in 3D."""
+    vectors = _vector_count(component)
+    factor = REFERENCE_MB * float((dofs / REFERENCE_DOFS) ** MEMORY_EXPONENT)
+    return BASE_MB + factor + COPIES_OF_BASIS * 8e-6 * dofs * vectors
+
+
+def mesh_seconds(dofs: int, settings: MeshSettings) -> float:
+    """Processor time of meshing [s]."""
+    return MESHING_START[settings.cells] + MESHING_SECONDS_PER_DOF[settings.cells] * dofs
+
+
+def reduction_seconds(dofs: int, component: Component, volume: float | None = None) -> float:
+    """Processor time of assembly, factorisation and reduction [s].
+
+    Args:
+        dofs: Displacement dofs of the mesh.
+        component: With the modes to keep.
+        volume: Of the component [m^3], to guess how many modes lie below a frequency.
+    """
+    reduced = _boundary_dofs(component) + _guess_modes(component, volume)
+    return REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT) + SECONDS_PER_ENTRY * dofs * reduced
+
+
+def _boundary_dofs(component: Component) -> int:
+    rails = [interface.rail for interface in component.interfaces.values() if interface.rail is not None]
+    return 6 * (len(component.interfaces) - len(rails)) + STATION_DOFS * sum(rail.stations for rail in rails)
+
+
+def _guess_modes(component: Component, volume: float | None) -> int:
+    """Fixed-interface modes to expect."""
+    settings, material = component.reduction, component.material
+    if settings.modes_to_hz is None:
+        return settings.modes or 0
+    if volume is None or not material.density > 0.0:
+        return 0
+    # bodies longer than thick have more low modes than their volume says: as many again, and a few
+    bulk = volume * settings.modes_to_hz**3 * weigh_modes(material.youngs_modulus, material.poisson_ratio, material.density)
+    return int(min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes))
+
+
+def check_cells(component: Component, cells: int, limit: int | None) -> None:
+    """Refuse a mesh with more cells than the scene allows, or than the mesher does.
+
+    Raises:
+        BudgetError: Names the component, the estimate and the limit.
+    """
+    allowed = CELL_BUDGET if limit is None else min(limit, CELL_BUDGET)
+    if cells > allowed:
+        whose = "limits.elements allows" if limit == allowed else "the mesher takes at most"
+        raise BudgetError(
+            f"component {component.name!r} would be meshed with about {cells:.3g} cells, {whose} {allowed};"
+            " write a larger mesh size"
+        )
+
+
+def check_time(stages: Sequence[Stage], limit_s: float | None) -> None:
+    """Refuse stages that together would take far longer than the scene allows, if it says so.
+
+    Raises:
+        BudgetError: Names the longest stage, the estimates and the limit.
+    """
+    total = sum(stage.estimated_seconds or 0.0 for stage in stages)
+    if limit_s is not None and total > TIME_MARGIN * limit_s:
+        longest = max(stages, key=lambda stage: stage.estimated_seconds or 0.0)
+        raise BudgetError(
+            f"this run would take about {total:.3g} s, {longest.kind} of component {longest.component!r} with about"
+            f" {longest.estimated_dofs:.3g} dofs alone {longest.estimated_seconds:.3g} s, limits.time allows {limit_s:g} s;"
+            " write a larger mesh size or keep fewer modes"
+        )
+
+
+def check_elapsed(seconds: float, limit_s: float | None, stage: Stage) -> None:
+    """Stop a run that has used up the time the scene allows.
+
+    Raises:
+        BudgetError: Names the stage that was due, the time and the limit.
+    """
+    if limit_s is not None and seconds > limit_s:
+        due = stage.component or stage.pose
+        raise BudgetError(
+            f"{seconds:.3g} s have passed, limits.time allows {limit_s:g} s; stopped before {stage.kind}"
+            + (f" of {due!r}" if due else "")
+            + ": earlier results are as they were, and what was meshed and reduced is kept for the next run"
+        )
+
+
+def check_memory(stages: Sequence[Stage], limit_bytes: float | None) -> None:
+    """Refuse stages that would need more memory than the scene allows, or than this machine has.
+
+    Raises:
+        BudgetError: Names the stage, its estimate and the limit.
+    """
+    limit_mb = (physical_memory_bytes() if limit_bytes is None else limit_bytes) / 1e6
+    for stage in stages:
+        if stage.estimated_memory_mb is not None and stage.estimated_memory_mb > limit_mb:
+            whose = "this machine has" if limit_bytes is None else "limits.memory allows"
+            raise BudgetError(
+                f"{stage.kind} of component {stage.component!r} with about {stage.estimated_dofs:.3g} dofs would need about"
+                f" {stage.estimated_memory_mb:.3g} MB, {whose} {limit_mb:.3g} MB; write a larger mesh size or keep fewer modes"
+            )
+
+
+def physical_memory_bytes() -> float:
+    """Memory of this machine [byte]."""
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
+def _vector_count(component: Component) -> int:
+    """Boundary dofs and modes that are certain; how many modes lie below a frequency nobody knows beforehand."""
+    settings = component.reduction
+    return 6 * len(component.interfaces) + (settings.modes or 0 if settings.modes_to_hz is None else 0)

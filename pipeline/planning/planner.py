@@ -1,0 +1,303 @@
+"""From a scene to the stages it calls for, each with its reason; nothing else is ever run.
+
+Rules: a rigid component is never meshed; a static analysis needs constraint modes and no eigenpairs; mass is assembled only when a
+dynamic analysis or gravity asks for it; fixed-interface modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times
+the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import assert_never
+
+import numpy as np
+
+from headstock.geometry.machine.machine import Pose
+from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
+from headstock.geometry.parts.solids import MeshFile, SuperelementFile
+from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
+from headstock.pipeline.planning.budgets import (
+    POSES_PER_SECOND,
+    STAGE_SECONDS,
+    STEPS_PER_SECOND,
+    check_cells,
+    check_memory,
+    check_time,
+    displacement_dofs,
+    mesh_memory_mb,
+    mesh_seconds,
+    reduction_memory_mb,
+    reduction_seconds,
+)
+from headstock.pipeline.planning.coupling_choices import has_choice
+from headstock.pipeline.planning.plan import Plan, Stage
+from headstock.scene.requests import (
+    Analyses,
+    ContouringRequest,
+    ControlRequest,
+    FrfRequest,
+    MapRequest,
+    ModalRequest,
+    PathRequest,
+)
+from headstock.scene.scene import Scene
+
+# Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
+# (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate reduction`.
+MODE_MARGIN = 3.0
+# Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole model up to 1.5 times the highest
+# frequency, 3 times miss up to 6 % (`validate frequency_response`, a column with two rigid faces, loss factor 4 %).
+FRF_MARGIN = 12.0
+EXACT_MARGIN = 1.5
+FEWEST_DEFAULT_MODES = 20
+# nobody asked for more: what they leave out of a response is in its ±
+MOST_DEFAULT_MODES = 200
+GRAVITY = "gravity"
+
+
+def default_mode_count(wanted: int) -> int:
+    """Fixed-interface modes kept per component when so many machine frequencies are wanted and no frequency is named."""
+    return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
+
+
+def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[str], None] | None = None) -> Plan:
+    """The stages a scene calls for, in the order in which they run.
+
+    Args:
+        scene: What to plan.
+        survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a second or a few each; otherwise
+            they are counted by rules of thumb.
+        before_survey: Called with the name of each component whose surface is meshed; equal components are surveyed once.
+
+    Raises:
+        BudgetError: A mesh or a stage would be larger than allowed.
+    """
+    gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
+    components: dict[str, Component] = {}
+    stages: list[Stage] = []
+    surveys: dict[str, MeshEstimate] = {}
+    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
+    for name, component in scene.machine.components.items():
+        settings, reason = choose_reduction(component, scene.analyses)
+        components[name] = dataclasses.replace(component, reduction=settings, fidelity=_fidelity(component, scene))
+        elastic = components[name]
+        estimate = None
+        if elastic.fidelity == "elastic" and not isinstance(elastic.solid, MeshFile | SuperelementFile):
+            before = None if before_survey is None else functools.partial(before_survey, name)
+            estimate = estimate_mesh(elastic, supports, loads, survey=survey, known=surveys, before_survey=before)
+        stages += _component_stages(elastic, reason, scene, estimate)
+    poses = choose_poses(scene)
+    for pose in poses.values():
+        stages += [
+            dataclasses.replace(stage, estimated_seconds=STAGE_SECONDS.get(stage.kind)) for stage in _pose_stages(pose, scene)
+        ]
+    stages += _spread_stages(components, scene.analyses.modal)
+    if scene.analyses.map is not None:
+        count = math.prod(len(values) for _, values in scene.analyses.map.axes)
+        stages.append(Stage("map", None, _describe_map(scene.analyses.map), estimated_seconds=count / POSES_PER_SECOND))
+    if scene.analyses.contouring is not None:
+        steps = contour_steps(scene.analyses.contouring)
+        what = _describe_contour(scene.analyses.contouring)
+        stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
+    if scene.analyses.path is not None:
+        stages.append(Stage("path", None, _describe_path(scene.analyses.path)))
+    stages.append(Stage("write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]))
+    check_memory(stages, scene.limits.memory_bytes)
+    check_time(stages, scene.limits.time_s)
+    return Plan(
+        stages=tuple(stages),
+        components=components,
+        poses=poses,
+        with_modes=is_dynamic(scene.analyses),
+        gravity=gravity,
+        warnings=(*_plan_warnings(components), *_spread_warnings(components, scene.analyses.modal)),
+    )
+
+
+def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | None) -> list[Stage]:
+    chosen = [name for name, component in components.items() if has_choice(component)]
+    if modal is None or not modal.spread or not chosen:
+        return []
+    return [Stage("spread", None, f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}")]
+
+
+def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:
+    if modal is None or not modal.spread or any(has_choice(component) for component in components.values()):
+        return []
+    return ["modal.spread has nothing to vary: no component is elastic and has an interface that is no rail"]
+
+
+def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
+    """Which fixed-interface modes of a component are kept, and why."""
+    asked, modal = component.reduction, analyses.modal
+    if not is_dynamic(analyses):
+        return ReductionSettings(modes=0), "static only: constraint modes, no eigenpairs"
+    if asked.modes is not None:
+        return asked, f"{asked.modes} fixed-interface modes, as the scene says"
+    if asked.modes_to_hz is not None:
+        return asked, f"fixed-interface modes up to {asked.modes_to_hz:g} Hz, as the scene says"
+    reaches = _reaches(analyses)
+    if reaches:
+        what = max(reaches, key=lambda name: math.prod(reaches[name]))
+        reach, margin = reaches[what]
+        # without interfaces modes are those of the component itself, and a margin only serves the estimate of their errors
+        limit = reach * (margin if component.interfaces else EXACT_MARGIN)
+        settings = ReductionSettings(modes_to_hz=limit, modes=MOST_DEFAULT_MODES, verify=asked.verify)
+        text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
+        return settings, f"{what} up to {reach:g} Hz: {text}"
+    wanted = (modal.count if modal is not None else None) or 0
+    count = default_mode_count(wanted)
+    return ReductionSettings(
+        modes=count, verify=asked.verify
+    ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
+
+
+def path_band(request: PathRequest) -> float:
+    """How high a path analysis looks [Hz]: to its low-pass, or as far as its samples tell frequencies apart."""
+    return 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
+
+
+def is_dynamic(analyses: Analyses) -> bool:
+    """Whether an analysis needs mass and fixed-interface modes."""
+    return any(request is not None for request in (analyses.modal, analyses.frf, analyses.path, analyses.control))
+
+
+def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
+    """How high each analysis looks [Hz], and how many times that the modes must reach; a count of frequencies says nothing."""
+    found = {}
+    if analyses.modal is not None and analyses.modal.up_to_hz is not None:
+        found["modal analysis"] = (analyses.modal.up_to_hz, MODE_MARGIN)
+    if analyses.frf is not None:
+        found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
+    if analyses.path is not None:
+        found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
+    if analyses.control is not None:
+        found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
+    return found
+
+
+def choose_poses(scene: Scene) -> dict[str, Pose]:
+    """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show that the machine couples."""
+    analyses = scene.analyses
+    requests = [request for request in (analyses.static, analyses.modal, analyses.frf, analyses.control) if request is not None]
+    asked = {name: pose for name, pose in scene.poses.items() if any(_is_asked(name, request.poses) for request in requests)}
+    if asked:
+        return asked
+    first = next(iter(scene.poses))
+    return {first: scene.poses[first]}
+
+
+def is_lumped(scene: Scene) -> bool:
+    """Whether the scene's mechanism is itself the model: rigid bodies on springs in its legs."""
+    return scene.mechanism is not None and scene.mechanism.model == "lumped"
+
+
+def _fidelity(component: Component, scene: Scene) -> Fidelity:
+    """As the scene says; every body of a lumped mechanism is rigid."""
+    return "rigid" if is_lumped(scene) else component.fidelity
+
+
+def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
+    return not poses or pose in poses
+
+
+def _component_stages(component: Component, reason: str, scene: Scene, estimate: MeshEstimate | None) -> Sequence[Stage]:
+    limits = scene.limits
+    name, solid = component.name, component.solid
+    if isinstance(solid, SuperelementFile):
+        return (Stage("load", name, f"its matrices are imported from {solid.path.name}"),)
+    if component.fidelity == "rigid":
+        return (Stage("rigid", name, "rigid: mass properties, no mesh", estimated_dofs=6),)
+    if component.fidelity == "elastic":
+        if isinstance(solid, MeshFile):
+            return (Stage("mesh", name, f"elastic: its mesh is read from {solid.path.name}"), Stage("reduce", name, reason))
+        if estimate is None:
+            raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
+        check_cells(component, estimate.cells, limits.elements)
+        dofs = 3 * estimate.nodes if estimate.nodes else displacement_dofs(estimate.cells, component.mesh)
+        meshing = Stage("mesh", name, "elastic", None, dofs, mesh_memory_mb(dofs), mesh_seconds(dofs, component.mesh))
+        memory, seconds = reduction_memory_mb(dofs, component), reduction_seconds(dofs, component, estimate.volume)
+        return (meshing, Stage("reduce", name, reason, None, dofs, memory, seconds))
+    if component.fidelity == "segmented":
+        count = component.segments.count
+        what = f"segmented: {count} rigid bodies on beam springs, no mesh"
+        return (Stage("segment", name, what, estimated_dofs=6 * count, estimated_seconds=STAGE_SECONDS["segment"]),)
+    assert_never(component.fidelity)
+
+
+def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
+    static, modal = scene.analyses.static, scene.analyses.modal
+    counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
+    parts = " at ".join(f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items())
+    if is_lumped(scene):
+        stages = [Stage("place", None, "loops closed in the pose, bodies and springs in its legs", pose=pose.name)]
+    else:
+        stages = [Stage("couple", None, parts, pose=pose.name)]
+    if static is not None and _is_asked(pose.name, static.poses):
+        stages.append(Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name))
+    if static is not None and scene.machine.probes and _is_asked(pose.name, static.poses):
+        wanted = f"displacement and stress at {', '.join(scene.machine.probes)}"
+        stages.append(Stage("recover", None, wanted, pose=pose.name))
+    if modal is not None and _is_asked(pose.name, modal.poses):
+        stages.append(Stage("modal", None, _describe_modal(modal), pose=pose.name))
+    frf = scene.analyses.frf
+    if frf is not None and _is_asked(pose.name, frf.poses):
+        stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
+    control = scene.analyses.control
+    if control is not None and _is_asked(pose.name, control.poses):
+        stages.append(Stage("control", None, _describe_control(control, tuple(scene.drives)), pose=pose.name))
+    return stages
+
+
+def _describe_contour(request: ContouringRequest) -> str:
+    source = f"forces of {request.forces.name}" if request.forces is not None else f"cutting forces in {request.material}"
+    if not request.cutting:
+        source = "no cutting force: not named in [effects]"
+    elif request.regeneration:
+        source += ", chips as thick as the last teeth left them"
+    return f"tool gap around a block of {1e3 * request.contour.side:g} mm, {request.model}, {source}"
+
+
+def contour_steps(request: ContouringRequest) -> float:
+    """Time steps of a contour, roughly."""
+    seconds = 4.0 * request.contour.side / request.contour.feed
+    return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn
+
+
+def _describe_map(request: MapRequest) -> str:
+    poses = " × ".join(str(len(values)) for _, values in request.axes)
+    names = [name for name, _ in request.axes]
+    return f"modes, stiffness and condition number in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _describe_frf(frf: FrfRequest) -> str:
+    entries = f"{len(frf.outputs)} × {len(frf.inputs)} responses"
+    return f"{frf.motion}, {entries} from {frf.from_hz:g} to {frf.to_hz:g} Hz"
+
+
+def _describe_path(request: PathRequest) -> str:
+    feeds = " and ".join(f"{6e4 * move.feed:g}" for move in request.moves)
+    return f"{', '.join(request.path.axes)} moves {1e3 * request.path.length:g} mm at {feeds} mm/min, sampled at {request.sampling_hz:g} Hz"
+
+
+def _describe_control(control: ControlRequest, drives: tuple[str, ...]) -> str:
+    return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {control.up_to_hz:g} Hz"
+
+
+def _describe_modal(modal: ModalRequest) -> str:
+    if modal.up_to_hz is None:
+        return "all frequencies" if modal.count is None else f"{modal.count} frequencies"
+    first = "frequencies" if modal.count is None else f"{modal.count} frequencies at most,"
+    return f"{first} up to {modal.up_to_hz:g} Hz"
+
+
+def _plan_warnings(components: dict[str, Component]) -> tuple[str, ...]:
+    return tuple(
+        f"component {name!r} is meshed with linear elements, which lock: bending comes out too stiff (a solid cantilever was seen"
+        " 10 to 50 % too high in frequency); write mesh = { order = 2 }"
+        for name, component in components.items()
+        if component.fidelity == "elastic"
+        and component.mesh.order == 1
+        and not isinstance(component.solid, SuperelementFile | MeshFile)
+    )

@@ -1,0 +1,213 @@
+"""The two files of a run that hold its numbers, ``results.h5`` and ``summary.json``: written together, and read again."""
+
+import hashlib
+import io
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from headstock.pipeline.results.frf import ResponseCurves, fill_curves, parse_curves
+from headstock.pipeline.storage.json_texts import Json, check_finite, dump_json
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
+from headstock.pipeline.results.path import PathCurves, fill_path, parse_path
+from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.results import PoseModes, Results
+
+FORMAT = "headstock results"
+VERSION = 1
+RESULTS_FILE = "results.h5"
+SUMMARY_FILE = "summary.json"
+REPORT_FILE = "report.html"
+
+
+# pattern of the path of a data set to its unit
+UNITS = {
+    r"provenance/.*": "",
+    r"labels|modal/.*/names|(frf|path)/.*/(inputs|outputs)": "",
+    r"view/.*/(edges|nodes|triangles|cells)": "",
+    r"(view|modal)/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
+    r"(view|modal)/.*/rotation|view/axes/.*": "1",
+    r"view/poses/.*/pushes/.*": "m/N",
+    r"view/poses/.*/shifts/.*": "m/sqrt(kg)",
+    r"(modal|frf)/.*/frequencies_hz": "Hz",
+    r"modal/.*/shapes": "SI: m or rad per sqrt(kg), by labels",
+    r"static/.*/compliance": "SI: m and rad per N and N m",
+    r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
+    r"joints/.*/stiffness": "SI: N and N m per m and rad",
+    r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
+    r"path/.*/times": "s",
+    r"path/.*/positions": "m",
+    r"path/.*/accelerations": "m/s^2",
+    r"path/.*": "SI: m or rad, by outputs",
+}
+
+
+def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
+    """Write ``results.h5``, to appear with the other pending files.
+
+    Returns:
+        SHA-256 of the file, by which a summary names the file it goes with.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+        OutputError: The disk is full or the folder is gone.
+    """
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        _fill(file, results)
+    with naming_output(folder / RESULTS_FILE) as path:
+        pending.add(path, image.getvalue())
+    return hashlib.sha256(image.getbuffer()).hexdigest()
+
+
+def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> None:
+    """Write ``summary.json`` and let it appear, last, with the other pending files.
+
+    Raises:
+        AccuracyError: A result is not a finite number.
+        OutputError: It cannot be written; all earlier files are then as they were.
+    """
+    with naming_output(folder / SUMMARY_FILE) as path:
+        pending.add(path, dump_json(summarise(results)).encode())
+        pending.publish()
+
+
+def _fill(file: h5py.File, results: Results) -> None:
+    file.attrs["format"] = FORMAT
+    file.attrs["version"] = VERSION
+    file.attrs["name"] = results.name
+    for library, version in results.versions.items():
+        file.require_group("versions").attrs[library] = version
+    if results.provenance is not None:
+        content = results.provenance.summarise()
+        # no attribute: a limit of HDF5 keeps long ones out
+        file["provenance/scene_text"] = np.bytes_(str(content.pop("scene_text")).encode() or b"\n")
+        write_words(file["provenance"], content)
+    cases = [(pose, name, point) for pose, points in results.static.items() for name, point in points.items()]
+    for pose, name, point in cases:
+        group = file.create_group(f"static/{pose}/{name}")
+        for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
+            if values is not None:
+                # with free motions NaN stands for what they leave open
+                check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values)
+                group[what] = values
+    for name, stiffness in results.joint_springs.items():
+        file[f"joints/{name}/stiffness"] = stiffness
+    if results.labels:
+        file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
+    write_record(file.create_group("view", track_order=True), results.view)
+    for response in results.responses:
+        fill_curves(file.create_group(f"frf/{response.curves.pose}"), response.curves)
+    for run in results.path.runs if results.path is not None else ():
+        fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
+    for modes in results.modal:
+        _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
+    mark_units(file, UNITS)
+
+
+def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
+    """Give every data set the attribute ``unit``: ``1`` for numbers without one, empty for words and indices.
+
+    Args:
+        file: Complete.
+        units: Pattern of whole paths to unit; the first that fits counts, and what none fits stays as it is.
+    """
+
+    def mark(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            found = next((unit for pattern, unit in units.items() if re.fullmatch(pattern, name)), None)
+            if found is not None:
+                item.attrs["unit"] = found
+
+    file.visititems(mark)
+
+
+def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
+    group["frequencies_hz"] = check_finite("natural frequencies", modes.frequencies_hz)
+    group["shapes"] = modes.shapes
+    group.attrs["rigid_count"] = modes.rigid_count
+    group["names"] = np.char.encode(np.array(modes.mode_names, dtype=str), "utf-8")
+    pose, units = group.create_group("pose"), group.create_group("pose_units")
+    for axis, position in modes.pose.positions.items():
+        pose.attrs[axis] = position
+        units.attrs[axis] = modes.pose_units.get(axis, "")
+    for name, frame in modes.placements.items():
+        group[f"placements/{name}/origin"] = frame.origin
+        group[f"placements/{name}/rotation"] = frame.rotation
+
+
+def read_summary(folder: Path) -> Json:
+    """The summary in an output folder.
+
+    Raises:
+        OutputError: There is none, or it is not one.
+    """
+    path = folder / SUMMARY_FILE
+    try:
+        summary = json.loads(path.read_text())
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be read: {error.strerror or error}; `headstock run SCENE -o {folder}` writes it"
+        ) from error
+    except ValueError as error:
+        raise OutputError(f"{path} is not a summary: {error}") from error
+    if not isinstance(summary, dict):
+        raise OutputError(
+            f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
+        )
+    return summary
+
+
+def read_view(folder: Path) -> MachineView:
+    """What there is to draw, from ``results.h5``.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    return _read_results(folder, lambda file: read_record(file["view"], MachineView))
+
+
+def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
+    """The curves of every frequency response, from ``results.h5``; empty without any.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    return _read_results(folder, lambda file: tuple(parse_curves(pose, group) for pose, group in file.get("frf", {}).items()))
+
+
+def read_paths(folder: Path) -> tuple[PathCurves, ...]:
+    """The curves of a path analysis, one per feed, from ``results.h5``; empty without any.
+
+    Raises:
+        OutputError: The file is missing, damaged, of an earlier version or of another run than the summary.
+    """
+    return _read_results(folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values()))
+
+
+def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
+    path = folder / RESULTS_FILE
+    remedy = f"`headstock run SCENE -o {folder}` writes it"
+    summary = read_summary(folder)
+    try:
+        stated = summary["files"][RESULTS_FILE]["sha256"]
+        if stated != _digest_of(path):
+            raise OutputError(f"{path} is damaged, or of another run than {SUMMARY_FILE}; {remedy}")
+        with h5py.File(path, "r") as file:
+            require_plain(file, attribute_axes=2)
+            if file.attrs.get("format") != FORMAT or "view" not in file:
+                raise OutputError(f"{path} holds no pictures; {remedy}")
+            return read(file)
+    except (OSError, RecordError, KeyError, TypeError, RuntimeError) as error:
+        raise OutputError(f"{path} cannot be read: {error}; {remedy}") from error
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

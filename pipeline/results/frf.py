@@ -1,0 +1,231 @@
+"""Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.estimates import REDUCTION
+from headstock.pipeline.storage.json_texts import Json
+from headstock.solvers.linear.frequency_response import convert_receptance
+from headstock.solvers.second_order import ComplexArray, Motion, Port
+from headstock.solvers.system_ports import name_port
+
+Spacing = Literal["linear", "log"]
+UM_PER_KN = 1e9  # m/N
+N_PER_UM = 1e-6  # N/m
+
+
+@dataclass(frozen=True, eq=False)
+class PortFigures:
+    """What the response at one port to a load there says about cutting.
+
+    Attributes:
+        port: Name and direction.
+        static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
+        worst_real: Most negative real part; None where there is none, or the response is unbounded.
+        worst_real_hz: Its frequency [Hz].
+        chatter_stiffness: ``-1 / (2 Re)`` [N/m]: width of cut without chatter times the cutting stiffness per width.
+        softest: Smallest dynamic stiffness; None where the response is unbounded.
+        softest_hz: Its frequency [Hz].
+        softest_mode: Name of the natural mode nearest to it.
+        worst_real_error: How far the most negative real part may be off; None without a bound.
+        worst_real_error_share: Source of error to its part.
+        plain_sum_error: Share of the static compliance that the modes up to the highest frequency miss: what a sum over
+            them without static correction would lack.
+    """
+
+    port: Port
+    static: float | None
+    worst_real: float | None
+    worst_real_hz: float | None
+    chatter_stiffness: float | None
+    softest: float | None
+    softest_hz: float | None
+    softest_mode: str
+    plain_sum_error: float | None
+    worst_real_error: float | None = None
+    worst_real_error_share: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurves:
+    """What is tabled and drawn of a frequency response.
+
+    Attributes:
+        pose: Name of the pose.
+        inputs: Where loads act.
+        outputs: Where motion is seen.
+        frequencies_hz: ``(n,)``.
+        receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
+        motion: What is tabled and drawn.
+        spacing: Of the frequency axis.
+        error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where
+            there is no bound, empty where none was sought.
+    """
+
+    pose: str
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    frequencies_hz: FloatArray
+    receptance: ComplexArray
+    motion: Motion = "receptance"
+    spacing: Spacing = "linear"
+    error_share: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def error(self) -> FloatArray | None:
+        """How far the receptance may be off by all sources together; None where none was sought."""
+        return np.asarray(np.sum(list(self.error_share.values()), axis=0)) if self.error_share else None
+
+    @property
+    def value_errors(self) -> FloatArray | None:
+        """The error in terms of what is tabled and drawn."""
+        return None if self.error is None else self._convert(self.error)
+
+    @property
+    def value_error_share(self) -> dict[str, FloatArray]:
+        """Its part by source."""
+        return {source: self._convert(error) for source, error in self.error_share.items()}
+
+    @property
+    def values(self) -> ComplexArray:
+        """Receptance, mobility or accelerance ``(n, n_outputs, n_inputs)``."""
+        return convert_receptance(self.receptance, self.frequencies_hz, self.motion)
+
+    def _convert(self, error: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(convert_receptance(error + 0j, self.frequencies_hz, self.motion)), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseResponse:
+    """Frequency response in one pose.
+
+    Attributes:
+        curves: What is tabled and drawn.
+        method: ``modal``, ``dampers``, ``poles`` or ``direct``.
+        damped: Any damping is on.
+        free_body: Entries without a value at 0 Hz, as ``output / input``.
+        singular_hz: Frequencies on the pole of an undamped mode.
+        figures: Of every port that is input and output.
+        error_left_out: What is not in the errors, in plain words.
+    """
+
+    curves: ResponseCurves
+    method: str
+    damped: bool
+    free_body: tuple[str, ...]
+    singular_hz: tuple[float, ...]
+    figures: tuple[PortFigures, ...]
+    error_left_out: tuple[str, ...] = ()
+
+
+def summarise_response(response: PoseResponse) -> Json:
+    """The entry of a pose in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+    curves = response.curves
+    return {
+        "inputs": [list(port) for port in curves.inputs],
+        "outputs": [list(port) for port in curves.outputs],
+        "from_hz": float(curves.frequencies_hz[0]),
+        "to_hz": float(curves.frequencies_hz[-1]),
+        "points": len(curves.frequencies_hz),
+        "motion": curves.motion,
+        "method": response.method,
+        "damped": response.damped,
+        "free_body": list(response.free_body),
+        "singular_hz": list(response.singular_hz),
+        "error": _summarise_error(curves),
+        "error_left_out": list(response.error_left_out),
+        "ports": [_summarise_port(figures) for figures in response.figures],
+    }
+
+
+def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
+    """Write the curves of a pose: receptance in SI, NaN where there is no value."""
+    group["frequencies_hz"] = curves.frequencies_hz
+    group["receptance"] = curves.receptance
+    if curves.error is not None:
+        group["error"] = curves.error
+        for source, share in curves.error_share.items():
+            group[f"error_share/{source}"] = share
+    group.attrs["motion"], group.attrs["spacing"] = curves.motion, curves.spacing
+    for name, ports in (("inputs", curves.inputs), ("outputs", curves.outputs)):
+        group[name] = np.char.encode(np.array([name_port(port) for port in ports]), "utf-8")
+
+
+def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
+    """Read what ``fill_curves`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    inputs, outputs = (tuple(split_port(text.decode()) for text in group[name][:]) for name in ("inputs", "outputs"))
+    given = group.attrs
+    return ResponseCurves(
+        pose,
+        inputs,
+        outputs,
+        group["frequencies_hz"][:],
+        group["receptance"][:],
+        given["motion"],
+        given["spacing"],
+        _parse_errors(group),
+    )
+
+
+def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
+    if "error_share" in group:
+        return {source: share[:] for source, share in group["error_share"].items()}
+    # files of before meshes had a part in it
+    return {REDUCTION: group["error"][:]} if "error" in group else {}
+
+
+def split_port(text: str) -> Port:
+    """The port of a name such as ``tcp x``."""
+    name, _, direction = text.rpartition(" ")
+    return name, direction
+
+
+def _summarise_port(figures: PortFigures) -> Json:
+    linear = figures.port[1] in "xyz"
+    soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
+    names = ("um_per_kN", "N_per_um") if linear else ("SI", "SI")
+    return {
+        "port": list(figures.port),
+        f"static_{names[0]}": _scaled(figures.static, soft),
+        f"worst_real_{names[0]}": _scaled(figures.worst_real, soft),
+        "worst_real_hz": figures.worst_real_hz,
+        f"chatter_stiffness_{names[1]}": _scaled(figures.chatter_stiffness, stiff),
+        f"softest_{names[1]}": _scaled(figures.softest, stiff),
+        f"worst_real_error_{names[0]}": _scaled(figures.worst_real_error, soft),
+        "worst_real_error_share": {source: soft * size for source, size in figures.worst_real_error_share.items()},
+        "softest_hz": figures.softest_hz,
+        "softest_mode": figures.softest_mode,
+        "plain_sum_error": figures.plain_sum_error,
+    }
+
+
+def _summarise_error(curves: ResponseCurves) -> Json | None:
+    """Largest and median error by source over the largest entry of the same line, and how far up there is a bound."""
+    if curves.error is None:
+        return None
+    bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(axis=(1, 2))
+    if not bounded.any():
+        return dict.fromkeys(curves.error_share, None) | {"bounded_to_hz": 0.0}
+    lines, sizes = curves.frequencies_hz[bounded], np.abs(curves.receptance[bounded]).max(axis=(1, 2))
+    found: Json = {}
+    for source, error in curves.error_share.items():
+        shares = error[bounded].max(axis=(1, 2)) / sizes
+        found[source] = {
+            "median_share": float(np.median(shares)),
+            "largest_share": float(shares.max()),
+            "largest_share_hz": float(lines[int(np.argmax(shares))]),
+        }
+    return found | {"bounded_to_hz": float(lines[-1])}
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor

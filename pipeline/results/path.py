@@ -1,0 +1,181 @@
+"""Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.frf import split_port
+from headstock.pipeline.storage.json_texts import Json
+from headstock.solvers.paths.path_figures import ZoneFigures
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.second_order import Port
+from headstock.solvers.system_ports import name_port
+
+ZONES = ("accelerating", "decelerating")
+_PARTS = ("total", "quasi_static", "sway", "dynamic")
+
+
+@dataclass(frozen=True, eq=False)
+class PathCurves:
+    """What is tabled and drawn of a move at one feed.
+
+    Attributes:
+        feed: [m/s].
+        zones: Beginning and end of both ramps [s].
+        outputs: Where the deviation is.
+        deviation: Sampled, as filtered.
+        frozen: ``(n, n_outputs)`` deviation if the pose stayed that of the middle, as filtered.
+        positions: ``(n,)`` set point along the path [m].
+        accelerations: ``(n,)`` of the set point [m/s^2].
+    """
+
+    feed: float
+    zones: tuple[tuple[float, float], tuple[float, float]]
+    outputs: tuple[Port, ...]
+    deviation: PathDeviation
+    frozen: FloatArray
+    positions: FloatArray
+    accelerations: FloatArray
+
+    @property
+    def name(self) -> str:
+        """``3000 mm/min``."""
+        return f"{6e4 * self.feed:g} mm/min"
+
+
+@dataclass(frozen=True, eq=False)
+class PathRun:
+    """A move at one feed.
+
+    Attributes:
+        curves: What is tabled and drawn.
+        figures: Of every output, in both zones.
+        frozen_figures: The same if the pose stayed that of the middle.
+    """
+
+    curves: PathCurves
+    figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+    frozen_figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+
+
+@dataclass(frozen=True)
+class FollowedPoses:
+    """How the poses of a path were followed.
+
+    Attributes:
+        stations: Poses in which the machine was coupled.
+        error: Largest error of what was interpolated between all but the last of them; 1/16 of it between all.
+        turn_error: What carrying modes along without the last of them would have turned them by [rad].
+        modes: How many were followed.
+        next_hz: Lowest frequency of a mode that was not [Hz]; None where all were.
+        steps: Places between which the steps in time are interpolated.
+        truncation: Largest difference that leaving out higher modes makes in the middle pose, over the largest deviation.
+        effect: Largest difference from the deviation in the frozen pose, one per feed [m, rad].
+    """
+
+    stations: int
+    error: float
+    turn_error: float
+    modes: int
+    next_hz: float | None
+    steps: int
+    truncation: float
+    effect: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PathResult:
+    """A path analysis.
+
+    Attributes:
+        start: Axis positions where it begins [m].
+        end: Axis positions where it ends [m].
+        length: Of the way [m].
+        ramp: How the feed is reached.
+        time_constant: [s].
+        sampling_hz: Samples a second.
+        lowpass_hz: Of the filter; None without one.
+        filter: Its kind.
+        damped: Any damping is on.
+        slow_hz: Modes below sway.
+        slow_count: How many these are.
+        poses: How the poses were followed; None where that of the middle held.
+        runs: One per feed.
+        drives: Drives under control; empty where motors follow their set points.
+        energy_error: By feed, what the balance of energy misses, of its largest part; where friction acts.
+    """
+
+    start: dict[str, float]
+    end: dict[str, float]
+    length: float
+    ramp: str
+    time_constant: float
+    sampling_hz: float
+    lowpass_hz: float | None
+    filter: str
+    damped: bool
+    slow_hz: float
+    slow_count: int
+    poses: FollowedPoses | None
+    runs: tuple[PathRun, ...]
+    drives: tuple[str, ...] = ()
+    energy_error: dict[str, float] = field(default_factory=dict)
+
+
+def summarise_path(found: PathResult) -> Json:
+    """The entry in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+    summary = {item.name: getattr(found, item.name) for item in dataclasses.fields(found) if item.name not in ("runs", "poses")}
+    summary["poses"] = None if found.poses is None else dataclasses.asdict(found.poses)
+    return summary | {"feeds": [_summarise_run(run) for run in found.runs]}
+
+
+def _summarise_run(run: PathRun) -> Json:
+    return {
+        "name": run.curves.name,
+        "feed_mm_per_min": 6e4 * run.curves.feed,
+        "acceleration": float(np.abs(run.curves.accelerations).max()),
+        "outputs": [
+            {"port": list(port), **{name: _summarise_zone(port, *zone) for name, *zone in zip(ZONES, zones, frozen, strict=True)}}
+            for port, zones, frozen in zip(run.curves.outputs, run.figures, run.frozen_figures, strict=True)
+        ],
+    }
+
+
+def deviation_unit(port: Port) -> tuple[str, float]:
+    """Unit in which a deviation is shown, and the factor from SI to it."""
+    return ("urad" if port[1].startswith("r") else "um"), 1e6
+
+
+def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> Json:
+    unit, factor = deviation_unit(port)
+    times = {"begin_s": zone.begin, "ramp_end_s": zone.ramp_end, "end_s": zone.end, "peak_s": zone.peak_time}
+    sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
+    found = times | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes} | {"settling_s": zone.settling}
+    return found | {f"frozen_peak_{unit}": factor * frozen.peak}
+
+
+def fill_path(group: h5py.Group, curves: PathCurves) -> None:
+    """Write the curves of one feed, in SI."""
+    group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
+    group["outputs"] = np.char.encode(np.array([name_port(port) for port in curves.outputs]), "utf-8")
+    group["times"], group["positions"], group["accelerations"] = curves.deviation.times, curves.positions, curves.accelerations
+    for name in _PARTS:
+        group[name] = getattr(curves.deviation, name)
+    group["frozen"] = curves.frozen
+
+
+def parse_path(group: h5py.Group) -> PathCurves:
+    """Read what ``fill_path`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    first, second = ((float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float))
+    deviation = PathDeviation(group["times"][:], *(group[name][:] for name in _PARTS))
+    ports = tuple(split_port(text.decode()) for text in group["outputs"][:])
+    feed = float(group.attrs["feed"])
+    series = (group[name][:] for name in ("frozen", "positions", "accelerations"))
+    return PathCurves(feed, (first, second), ports, deviation, *series)

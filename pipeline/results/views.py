@@ -1,0 +1,190 @@
+"""What a picture of the machine needs: surfaces, and in each pose placements, joints, points and how the surfaces move in modes."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.parts.components import Component
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.machine import Machine
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.skins import IntArray, Skin, split_skin
+from headstock.geometry.parts.solid_skins import inertia_skin, solid_skin
+from headstock.reduction.motions.body_fields import carried_motion
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.dof_layout import locate_interface, turn_dofs
+from headstock.reduction.superelement import Superelement
+
+# single precision is plenty for pictures and halves the file
+ShiftArray = NDArray[np.floating]
+BENDING_SPLITS = 3
+# told apart in light and dark, and by most colour-blind readers
+COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9172b4", "#c2a83e", "#4aa3a2", "#b5566e", "#8892a0", "#a07d5c", "#6a78c7")
+
+
+@dataclass(frozen=True, eq=False)
+class JointView:
+    """A joint in a pose: its kind, its two ends and its frame in the machine."""
+
+    kind: str
+    first: str
+    second: str
+    frame: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class PointView:
+    """A named point in a pose.
+
+    Attributes:
+        tool: Name of the tool end.
+        work: Name of the work end.
+        tool_place: ``(3,)`` in the machine frame [m].
+        work_place: ``(3,)``, the same; None where it is ground.
+    """
+
+    tool: str
+    work: str
+    tool_place: FloatArray
+    work_place: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseView:
+    """The machine in a pose.
+
+    Attributes:
+        placements: Frame of each component in the machine frame.
+        joints: By name.
+        points: By name.
+        shifts: Component to ``(modes, points of its skin, 3)`` mode shapes in machine axes [m / sqrt(kg)]; empty without modes.
+        pushes: ``"POINT DIRECTION"`` to component to ``(points of its skin, 3)`` displacement under a unit force there, with the
+            opposite force on the work, machine axes [m/N].
+    """
+
+    placements: dict[str, Frame]
+    joints: dict[str, JointView]
+    points: dict[str, PointView]
+    shifts: dict[str, ShiftArray] = field(default_factory=dict)
+    pushes: dict[str, dict[str, ShiftArray]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class MachineView:
+    """Everything there is to draw.
+
+    Attributes:
+        skins: Surface of each component in its own frame.
+        axes: Direction of each axis.
+        poses: By name.
+        materials: Of the components whose surface strains are known: those that were meshed.
+    """
+
+    skins: dict[str, Skin] = field(default_factory=dict)
+    axes: dict[str, FloatArray] = field(default_factory=dict)
+    poses: dict[str, PoseView] = field(default_factory=dict)
+    materials: dict[str, Material] = field(default_factory=dict)
+
+
+def component_colors(view: MachineView) -> dict[str, str]:
+    """A colour ``#rrggbb`` for each component, the same in every picture."""
+    return {name: COLORS[index % len(COLORS)] for index, name in enumerate(view.skins)}
+
+
+def component_skin(component: Component, superelement: Superelement, skin: Skin | None) -> Skin:
+    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia."""
+    if skin is not None:
+        return skin
+    drawn = solid_skin(component.solid)
+    if drawn is None:
+        drawn = inertia_skin(superelement.mass_kg, superelement.center_of_mass, superelement.inertia)
+    if len(superelement.frames) > 1:
+        # a body that bends needs points between its corners
+        for _ in range(BENDING_SPLITS):
+            drawn = split_skin(drawn)
+    return drawn
+
+
+def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
+    """Where everything is in the pose a machine was coupled in."""
+    frames = {spring.name: spring.frame for spring in coupled.joint_springs}
+    joints = {
+        name: JointView(joint.kind, str(joint.ends[0]), str(joint.ends[1]), frames[name])
+        for name, joint in machine.joints.items()
+        if name in frames
+    }
+    points = {}
+    for name, point in machine.points.items():
+        tool, work = (None if end.component is None else locate_interface(coupled.layout, end) for end in (point.tool, point.work))
+        place = work if tool is None else tool
+        if place is not None:
+            points[name] = PointView(str(point.tool), str(point.work), place, work)
+    return PoseView(dict(coupled.placements), joints, points)
+
+
+def shift_skins(coupled: CoupledMachine, skins: dict[str, Skin], stacked: FloatArray) -> dict[str, ShiftArray]:
+    """Displacement ``(modes, n, 3)`` of every skin point in machine axes, single precision.
+
+    Args:
+        coupled: The machine in the pose.
+        skins: By component.
+        stacked: ``(n_all, modes)`` motions of all superelement dofs.
+    """
+    found: dict[str, ShiftArray] = {}
+    for name, skin in skins.items():
+        superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
+        own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
+        moved = skin_recovery(superelement, skin) @ own
+        shifts = moved.T.reshape(stacked.shape[1], -1, 3) @ placement.rotation.T
+        found[name] = shifts.astype(np.float32)
+    return found
+
+
+def surface_energy_density(points: FloatArray, triangles: IntArray, shift: ShiftArray, material: Material) -> FloatArray:
+    """Strain energy per volume just below a free surface [J/m^3], from how the surface itself is strained.
+
+    No traction acts on a free surface, so the stress there is plane and its energy follows from the strains in the surface, each
+    triangle being a strain gauge. Where an interface, a load or a support acts on the surface, the part of the energy that the
+    traction does is missing.
+
+    Args:
+        points: ``(n, 3)`` [m].
+        triangles: ``(m, 3)``.
+        shift: ``(n, 3)`` displacement [m], in the axes of the points.
+        material: Of the body.
+
+    Returns:
+        ``(n,)`` means over the triangles at each point, by area.
+
+    Source: Timoshenko and Goodier (1970), Theory of Elasticity, plane stress.
+    """
+    corners, moved = points[triangles], shift[triangles].astype(float)
+    sides, strained = corners[:, 1:] - corners[:, :1], moved[:, 1:] - moved[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    doubled = np.linalg.norm(normals, axis=1)
+    whole = doubled > 0.0
+    sides, strained, normals, doubled = sides[whole], strained[whole], normals[whole], doubled[whole]
+    first = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1, keepdims=True)
+    axes = np.stack([first, np.cross(normals / doubled[:, None], first)], axis=2)
+    # rows of both: the two sides; columns: the two axes in the plane. gradient^T = places^-1 shifts
+    places, shifts = sides @ axes, strained @ axes
+    gradient = np.linalg.solve(places, shifts)
+    strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+    nu = material.poisson_ratio
+    trace, squares = strain[:, 0, 0] + strain[:, 1, 1], np.einsum("mij,mij->m", strain, strain)
+    density = 0.5 * material.youngs_modulus / (1.0 - nu**2) * (nu * trace**2 + (1.0 - nu) * squares)
+    corner = triangles[whole].ravel()
+    area = np.bincount(corner, np.repeat(doubled, 3), minlength=len(points))
+    return np.asarray(np.bincount(corner, np.repeat(doubled * density, 3), minlength=len(points)) / np.where(area > 0.0, area, 1.0))
+
+
+def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
+    """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else carried by the near nodes.
+
+    A rigid body moves rigidly.
+    """
+    size = len(superelement.labels)
+    if superelement.recovery is not None and skin.nodes is not None:
+        return np.asarray(superelement.recovery.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
+    return carried_motion(superelement, skin.points)

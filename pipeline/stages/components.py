@@ -1,0 +1,187 @@
+"""The stages that turn one component into a superelement: mesh, reduce, rigid, segment, load."""
+
+import dataclasses
+import importlib
+from typing import cast
+
+import numpy as np
+
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
+from headstock.meshing.errors import MeshError
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState, component_loads, component_supports
+from headstock.pipeline.stages.stored_superelements import StoredRequest, find_superelement, keep_superelement
+from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
+from headstock.pipeline.storage.store import read_entry, write_entry
+from headstock.pipeline.storage.superelements import read_superelement
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented, segment_skin
+from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
+from headstock.solvers.rank_messages import share_from_root
+
+# dolfinx, PETSc and SLEPc take a second to import: the one module that needs them is loaded when something is really reduced, so
+# that a run whose superelements all come from the store does without
+ELASTIC_MODULE = "headstock.reduction.components.elastic"
+
+
+def run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
+    """Mesh a component, unless its superelement or its mesh is in the store; every rank gets the mesh it will need."""
+    component = _component(state, stage)
+    outcome = Outcome()
+    mesh: ComponentMesh | None = None
+    if state.is_root and _load_reduced(state, component):
+        outcome = Outcome(cached=True, detail="not needed")
+    elif state.is_root:
+        mesh, outcome = _load_or_make_mesh(state, component)
+    if state.is_root and any(probe.component == component.name for probe in state.scene.machine.probes.values()):
+        state.probe_meshes[component.name] = mesh or _load_or_make_mesh(state, component)[0]
+    mesh = share_from_root(state.comm, mesh)
+    if mesh is not None:
+        state.meshes[component.name] = mesh
+    return outcome
+
+
+def run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
+    """Assemble and reduce a component on all ranks, unless its superelement is in the store."""
+    component = _component(state, stage)
+    if component.name not in state.meshes:
+        return Outcome(cached=True, detail=_describe(state.reduced[component.name].superelement) if state.is_root else "")
+    mesh = state.meshes.pop(component.name)
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    elastic = importlib.import_module(ELASTIC_MODULE)
+    request = _reduction_request(state, component)
+    superelement: Superelement = elastic.reduce_elastic(component, mesh, supports, loads, comm=state.comm, request=request)
+    if not state.is_root:
+        return Outcome()
+    check_superelement(superelement)
+    reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
+    state.reduced[component.name] = reduced
+    state.warn(keep_superelement(state.store, _stored_request(state, component), reduced))
+    return Outcome(detail=_describe(superelement))
+
+
+def run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
+    """Make a rigid superelement from a component's mass properties."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = reduce_rigid(component, describe_component(component), component_loads(state, component))
+        state.reduced[component.name] = ReducedComponent(superelement, skin=_file_skin(state, component))
+        return Outcome(detail=f"{superelement.mass_kg:.4g} kg")
+    return Outcome()
+
+
+def run_segment_stage(state: RunState, stage: Stage) -> Outcome:
+    """Cut a component into a row of rigid segments on beam springs."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = reduce_segmented(component, describe_component(component), component_loads(state, component))
+        skin = segment_skin(component)
+        bending = dataclasses.replace(skin, nodes=np.arange(len(skin.points)))
+        state.reduced[component.name] = ReducedComponent(superelement, skin=bending)
+        return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
+    return Outcome()
+
+
+def run_load_stage(state: RunState, stage: Stage) -> Outcome:
+    """Read an imported superelement and check it like one of our own."""
+    if state.is_root:
+        component = _component(state, stage)
+        superelement = dataclasses.replace(read_superelement(cast(SuperelementFile, component.solid).path), name=component.name)
+        check_superelement(superelement, rounding=FILE_ROUNDING)
+        state.reduced[component.name] = ReducedComponent(superelement)
+        return Outcome(detail=_describe(superelement))
+    return Outcome()
+
+
+def _component(state: RunState, stage: Stage) -> Component:
+    if stage.component is None:
+        raise ValueError(f"a {stage.kind} stage needs a component")
+    return state.plan.components[stage.component]
+
+
+def _load_reduced(state: RunState, component: Component) -> bool:
+    request = _stored_request(state, component)
+    found = state.read.get(request)
+    if found is None:
+        read = find_superelement(state.store, request)
+        state.warn(read.warning)
+        if read.value is None:
+            return False
+        found = state.read[request] = read.value
+    # equal components share an entry and its arrays: the name is not part of the key
+    superelement = dataclasses.replace(found.superelement, name=component.name)
+    state.reduced[component.name] = dataclasses.replace(found, superelement=superelement)
+    return True
+
+
+def _reduction_request(state: RunState, component: Component) -> ReductionRequest:
+    return ReductionRequest(modes=mode_target(component) if state.plan.with_modes else None, gravity=state.plan.gravity is not None)
+
+
+def _stored_request(state: RunState, component: Component) -> StoredRequest:
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    request = _reduction_request(state, component)
+    return StoredRequest(
+        key=superelement_key(component, supports, loads),
+        reduction=request,
+        mass=needs_mass(component, loads, request),
+        verify=component.reduction.verify,
+    )
+
+
+def _file_skin(state: RunState, component: Component) -> Skin | None:
+    """What is drawn of a body that is not meshed and whose shape only a file knows."""
+    if not isinstance(component.solid, StepFile | MeshFile):
+        return None
+    key = skin_key(component)
+    read = read_entry(state.store, key, Skin)
+    state.warn(read.warning)
+    if read.value is not None:
+        return read.value
+    try:
+        skin = unmeshed_skin(component.solid)
+    except MeshError as error:
+        # no number depends on it
+        state.warn(f"component {component.name!r} is drawn as a block of equal inertia: {error}")
+        return None
+    state.warn(write_entry(state.store, key, skin))
+    return skin
+
+
+def stored_mesh(state: RunState, component: Component) -> ComponentMesh | None:
+    """The mesh of a component from the store; None where it is not there."""
+    key = mesh_key(component, component_supports(state, component), component_loads(state, component))
+    return read_entry(state.store, key, ComponentMesh).value
+
+
+def _load_or_make_mesh(state: RunState, component: Component) -> tuple[ComponentMesh, Outcome]:
+    supports, loads = component_supports(state, component), component_loads(state, component)
+    key = mesh_key(component, supports, loads)
+    read = read_entry(state.store, key, ComponentMesh)
+    state.warn(read.warning)
+    mesh = read.value
+    if mesh is None:
+        limit = state.scene.limits.time_s
+        mesh = (
+            mesh_component(component, supports, loads)
+            if limit is None
+            else mesh_component(component, supports, loads, time_limit=limit)
+        )
+        state.warn(write_entry(state.store, key, mesh))
+    return mesh, Outcome(cached=read.value is not None, detail=f"{_spaced(3 * len(mesh.points))} dofs")
+
+
+def _describe(superelement: Superelement) -> str:
+    modes = superelement.modal_count
+    return f"{_spaced(superelement.full_dofs)} → {len(superelement.labels)} dofs" + (f", {modes} modes" if modes else "")
+
+
+def _spaced(count: int) -> str:
+    return f"{count:,}".replace(",", " ")

@@ -1,0 +1,150 @@
+"""Error estimates of the natural frequencies and compliances of a coupled machine, from every source there is."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.parts.materials import Material
+from headstock.pipeline.planning.coupling_choices import has_choice
+from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
+from headstock.reduction.estimates.interface_doubts import doubted_energies
+from headstock.reduction.estimates.mesh_errors import (
+    compliance_mesh_errors,
+    compliance_shape_errors,
+    frequency_mesh_errors,
+    frequency_shape_errors,
+)
+from headstock.solvers.linear.modal_analysis import ModalResult
+
+NAMED_DOUBT = 5e-3  # share of a number that the kinds of interfaces must change together to be named
+NAMED_PART = 0.1  # of what the one that matters most changes: less is not worth a name
+NAMED_INTERFACES = 8
+UM_PER_KN = 1e9  # m/N
+
+
+def estimate_mode_errors(state: RunState, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
+    """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors."""
+    count = len(modes.frequencies_hz)
+    squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)
+    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), *_coupled_areas(state))
+    effects = {name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()}
+    kinds = Estimate({}, _name_kinds(state, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
+    unknown = [combine_estimates([name_what_is_left_out(state, coupled), kinds])] * count
+    meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
+    sources = (
+        _estimate_parts(DISCRETISATION, meshes, count),
+        _estimate_parts(CURVED_FACES, faces, count),
+        _estimate_reduction(coupled, modes),
+        unknown,
+    )
+    return tuple(combine_estimates(parts) for parts in zip(*sources, strict=True))
+
+
+def estimate_compliance_errors(state: RunState, coupled: CoupledMachine, displacements: FloatArray) -> dict[str, Estimate]:
+    """An estimate [m/N] of the compliance in x, y and z at a point; the reduction adds nothing to it.
+
+    Args:
+        state: Of the run.
+        coupled: The machine.
+        displacements: ``(n, 6)`` responses to unit loads at the point.
+    """
+    energies = compliance_mesh_errors(coupled, displacements)
+    meshes = _estimate_parts(DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6)
+    faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
+    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), *_coupled_areas(state))
+    soft = np.einsum("im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3])
+    kinds = Estimate({}, _name_kinds(state, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
+    unknown = combine_estimates([name_what_is_left_out(state, coupled), kinds])
+    return {direction: combine_estimates([meshes[i], faces[i], unknown]) for i, direction in enumerate(DOF_NAMES[:3])}
+
+
+def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:
+    """One estimate per number, from ``(count,)`` parts of each component; None where one of them is not known."""
+    estimates = []
+    for number in range(count):
+        parts = {name: float(errors[number]) for name, errors in found.items()}
+        total = sum(parts.values())
+        if not parts:
+            estimates.append(Estimate())
+        elif np.isnan(total):
+            estimates.append(Estimate({source: None}))
+        else:
+            estimates.append(Estimate({source: total}, (), {source: parts}))
+    return estimates
+
+
+def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Estimate]:
+    """The modes that components leave out make frequencies too high, never too low."""
+    found = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes)
+    unknown = tuple(f"the reduction of {name}, which was imported" for name in _silent_imports(coupled))
+    return [
+        Estimate(
+            {REDUCTION: None if np.isnan(bound) else float(bound)},
+            unknown,
+            {REDUCTION: {name: float(errors[mode]) for name, errors in found.by_component.items()}},
+        )
+        for mode, bound in enumerate(found.bounds_hz)
+    ]
+
+
+def _silent_imports(coupled: CoupledMachine) -> list[str]:
+    """Components with modal dofs that do not say what their reduction left out."""
+    return [name for name, part in coupled.layout.superelements.items() if part.modal_count and part.truncation is None]
+
+
+def _coupled_areas(state: RunState) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
+    """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and materials."""
+    areas, materials = {}, {}
+    for name, component in state.plan.components.items():
+        quality = state.reduced[name].quality
+        if quality is not None and has_choice(component):
+            materials[name] = component.material
+            for interface, settings in component.interfaces.items():
+                area = quality.cad_areas.get(interface, np.nan)
+                if settings.rail is None and area > 0.0:
+                    areas[name, interface] = float(area)
+    return areas, materials
+
+
+def _name_kinds(
+    state: RunState, effects: Mapping[str, FloatArray], values: FloatArray, *, unit: str, factor: float
+) -> tuple[str, ...]:
+    """The interfaces whose kind may matter, with the size of that; none where it is small beside every number."""
+    together = np.sum([np.zeros(len(values)), *effects.values()], axis=0)
+    # many small ones add up: a long machine of many parts is held stiff a little at each
+    doubtful = together > NAMED_DOUBT * values
+    if not doubtful.any():
+        return ()
+    most = NAMED_PART * np.max(list(effects.values()), axis=0)
+    large = [name for name, size in effects.items() if (size >= most)[doubtful].any()]
+    named = ", ".join(large[:NAMED_INTERFACES]) + (
+        f" and {len(large) - NAMED_INTERFACES} more" if len(large) > NAMED_INTERFACES else ""
+    )
+    size = float(f"{factor * float(together.max()):.1g}")
+    modal = state.scene.analyses.modal
+    remedy = "" if modal is not None and modal.spread else "; spread = true in [analyses.modal] computes it"
+    return (f"rigid or averaging interfaces {named}, about {size:g} {unit} at most{remedy}",)
+
+
+def name_what_is_left_out(state: RunState, coupled: CoupledMachine) -> Estimate:
+    """What no estimate is made of: meshes of imported parts, and bodies that are no finite element model."""
+    kinds: dict[str, list[str]] = {}
+    surfaces = []
+    for name, part in coupled.layout.superelements.items():
+        fidelity = state.plan.components[name].fidelity
+        if part.missing_energy is None:
+            kinds.setdefault("the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []).append(name)
+        elif part.shape_stiffness is None and part.missing_energy.any():
+            surfaces.append(f"the curved faces of {name}{_missed_volume(state, name)}")
+    return Estimate({}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces))
+
+
+def _missed_volume(state: RunState, name: str) -> str:
+    quality = state.reduced[name].quality
+    if quality is None or not quality.cad_volume > 0.0:
+        return ", known from its mesh alone"
+    return f" ({100.0 * abs(quality.volume / quality.cad_volume - 1.0):.1g} % of its volume)"

@@ -1,0 +1,140 @@
+"""The frequency response stage. Only rank 0 has anything to do."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.frf import PortFigures, PoseResponse, ResponseCurves
+from headstock.pipeline.stages.damped_machines import damp_system, solve_all_modes
+from headstock.pipeline.stages.frf_errors import add_figure_errors, estimate_response_errors
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.motions.mode_naming import name_modes
+from headstock.scene.requests import FrfRequest
+from headstock.solvers.linear.frequency_grid import UNDAMPED, refine_grid
+from headstock.solvers.linear.frequency_response import FrequencyResponse, FrfModel, evaluate_frf, find_peaks, prepare_frf
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
+from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
+from headstock.solvers.linear.stability_figures import StabilityFigures, find_stability_figures
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+NAMED_MARGIN = 1.2
+
+
+def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
+    """Frequency response at the ports asked for, from 0 Hz on, with what it says about cutting."""
+    if not state.is_root:
+        return Outcome()
+    coupled = state.coupled
+    if coupled is None:
+        raise ValueError("a frequency response needs a coupled machine before it")
+    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names, coupled)
+
+
+def respond(
+    state: RunState,
+    stage: Stage,
+    bare: SecondOrderSystem,
+    name_shapes: Callable[[ModalResult], tuple[str, ...]],
+    coupled: CoupledMachine | None = None,
+) -> Outcome:
+    """Frequency response of a system with the damping of the scene.
+
+    Args:
+        state: Of the run; the response is added to it.
+        stage: With its pose.
+        bare: The system as coupled.
+        name_shapes: What its natural modes are called.
+        coupled: The machine whose errors are wanted; None for none.
+    """
+    request, pose = state.scene.analyses.frf, stage.pose
+    if request is None or pose is None:
+        raise ValueError("a frequency response stage needs a pose and an analysis in the scene")
+    modes = solve_all_modes(state, bare)
+    system = damp_system(state, bare, modes)
+    model = prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
+    poles = find_peaks(model, request.to_hz)
+    response = evaluate_frf(model, frequency_grid(request, poles))
+    damped = system.damping is not None or system.hysteretic is not None
+    bounded = bool((np.abs(poles.real) > UNDAMPED * np.abs(poles))[np.abs(poles) <= 2.0 * np.pi * request.to_hz].all())
+    if not bounded:
+        state.warn(
+            "frequency response: a mode in the range has no damping, so its peak has no top; "
+            "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
+        )
+    figures = find_stability_figures(model, response) if bounded else ()
+    estimate = None if coupled is None else estimate_response_errors(state, system, coupled, modes, response)
+    near = keep_lowest(modes, up_to_hz=NAMED_MARGIN * request.to_hz)
+    found = PoseResponse(
+        curves=ResponseCurves(
+            pose,
+            response.inputs,
+            response.outputs,
+            response.frequencies_hz,
+            response.receptance,
+            request.motion,
+            request.spacing,
+            {} if estimate is None else estimate.shares,
+        ),
+        method=response.method,
+        damped=damped,
+        free_body=_name_entries(response),
+        singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
+        figures=add_figure_errors(
+            _port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))), response, estimate
+        ),
+        error_left_out=() if estimate is None else estimate.left_out,
+    )
+    state.responses.append(found)
+    return Outcome(detail=f"{len(response.frequencies_hz)} frequencies, {response.method}")
+
+
+def frequency_grid(request: FrfRequest, poles: ComplexArray) -> FloatArray:
+    """The even grid of a request, finer around resonances unless it says otherwise."""
+    space = np.geomspace if request.spacing == "log" else np.linspace
+    base = np.asarray(space(request.from_hz, request.to_hz, request.points), dtype=float)
+    return refine_grid(base, poles) if request.adaptive else base
+
+
+def _name_entries(response: FrequencyResponse) -> tuple[str, ...]:
+    rows, columns = np.nonzero(response.free_body.any(axis=0))
+    return tuple(
+        f"{' '.join(response.outputs[row])} / {' '.join(response.inputs[column])}"
+        for row, column in zip(rows, columns, strict=True)
+    )
+
+
+def _port_figures(
+    request: FrfRequest, model: FrfModel, stability: tuple[StabilityFigures, ...], named: tuple[FloatArray, tuple[str, ...]]
+) -> tuple[PortFigures, ...]:
+    by_port = {figures.port: figures for figures in stability}
+    frequencies, names = named
+    found = []
+    for port in request.inputs:
+        if port in request.outputs:
+            row, column = request.outputs.index(port), request.inputs.index(port)
+            static, own = float(model.at_rest[row, column]), by_port.get(port)
+            found.append(
+                PortFigures(
+                    port=port,
+                    static=None if np.isnan(static) else static,
+                    worst_real=own.worst_real if own else None,
+                    worst_real_hz=own.worst_real_hz if own else None,
+                    chatter_stiffness=own.chatter_stiffness if own else None,
+                    softest=own.softest if own else None,
+                    softest_hz=own.softest_hz if own else None,
+                    softest_mode=names[int(np.argmin(np.abs(frequencies - own.softest_hz)))] if own and names else "",
+                    plain_sum_error=_plain_sum_error(model.coordinates, row, column, request.to_hz),
+                )
+            )
+    return tuple(found)
+
+
+def _plain_sum_error(coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float) -> float | None:
+    """Share of the static compliance that elastic modes up to a frequency miss; None where there is none."""
+    if coordinates is None or not coordinates.elastic[row, column]:
+        return None
+    kept = keep_modes(coordinates, count_modes(coordinates, limit_hz))
+    return float(kept.residual[row, column] / coordinates.elastic[row, column])

@@ -1,0 +1,160 @@
+"""A scene's lumped mechanism: rigid components on the marks that carry them, springs in the legs, placed in a pose."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_transfer, rotate_dofs
+from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.mechanisms.exechon_2 import COMPLIANCES, LEGS, LENGTHS
+from headstock.reduction.superelement import Superelement
+from headstock.scene.scene import LegSprings, SceneMechanism
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
+from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion
+
+SPRING_PARTS = ("joint", "drive", "screw")
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedMechanism:
+    """A lumped mechanism in a pose, drives held.
+
+    Attributes:
+        model: Bodies, springs and closures.
+        springs: What the springs are made of.
+        state: ``(n,)`` coordinates.
+        motions: Small motions about the pose.
+        superelements: Rigid bodies by component.
+        placements: Frame of each component in the machine frame.
+        body_motions: Component to ``(6, c)`` motion of its centre of mass and its turning per compliant coordinate, machine axes.
+    """
+
+    model: CompliantMechanism
+    springs: LegSprings
+    state: FloatArray
+    motions: SmallMotions
+    superelements: dict[str, Superelement]
+    placements: dict[str, Frame]
+    body_motions: dict[str, FloatArray]
+
+    def motion_at(self, end: JointEnd) -> FloatArray:
+        """``(6, c)`` motion of an interface per compliant coordinate, machine axes; zero for ground and what is not carried."""
+        if end.component is None or end.interface is None:
+            return np.zeros((6, len(self.motions.stiffness)))
+        body, placement = self.superelements[end.component], self.placements[end.component]
+        return (
+            rigid_transfer(placement.rotation @ body.center_of_mass, placement.rotation @ self._local(end))
+            @ self.body_motions[end.component]
+        )
+
+    def position_of(self, end: JointEnd) -> FloatArray:
+        """``(3,)`` place of an interface in the machine frame [m]."""
+        if end.component is None:
+            return np.zeros(3)
+        placement = self.placements[end.component]
+        return np.asarray(placement.origin + placement.rotation @ self._local(end))
+
+    def _local(self, end: JointEnd) -> FloatArray:
+        attachments = self.superelements[end.component or ""].attachments
+        return attachments[end.interface or ""].frame.origin
+
+
+def build_compliant_mechanism(
+    mechanism: SceneMechanism,
+    superelements: Mapping[str, Superelement],
+    placements: Mapping[str, Frame],
+    gravity: FloatArray | None,
+    *,
+    stiffening: bool = False,
+) -> CompliantMechanism:
+    """Bodies and springs of a lumped mechanism.
+
+    Args:
+        mechanism: Of the scene; needs springs.
+        superelements: By component; only their mass, centre and inertia count.
+        placements: Frame of each component on its mark.
+        gravity: ``(3,)`` in the machine frame [m/s^2]; None without gravity.
+        stiffening: Whether small motions feel gravity.
+    """
+    bodies = []
+    for name, mark in mechanism.carries.items():
+        body, own = superelements[name], placements[name]
+        center = own.origin + own.rotation @ body.center_of_mass
+        bodies.append(MechanismBody(name, mark, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T))
+    turned = np.zeros(3) if gravity is None else mechanism.mounted.mounting.rotation.T @ gravity
+    return CompliantMechanism(
+        mechanism.mounted.mechanism, tuple(bodies), build_springs(mechanism), gravity=turned, gravity_stiffening=stiffening
+    )
+
+
+def build_springs(mechanism: SceneMechanism) -> LumpedSprings:
+    """Springs across and along each leg: a joint each way, and along the leg the drive and the screw in series with it.
+
+    Raises:
+        ValueError: The scene gives no springs.
+    """
+    given = mechanism.springs
+    if given is None:
+        raise ValueError("a lumped mechanism needs springs")
+    across, along = 1.0 / given.joint, 1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw
+    lengths = [mechanism.mounted.mechanism.index(name) for name in LENGTHS for _ in range(2)]
+    return LumpedSprings(
+        constant=np.array([across, along] * len(LEGS)),
+        per_length=np.array([0.0, 1.0 / given.screw] * len(LEGS)),
+        length=np.array(lengths, dtype=np.intp),
+        labels=COMPLIANCES,
+    )
+
+
+def place_mechanism(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    state: FloatArray,
+    bodies: tuple[dict[str, Superelement], dict[str, Frame]],
+) -> PlacedMechanism:
+    """A lumped mechanism in a pose.
+
+    Args:
+        mechanism: Of the scene.
+        model: From :func:`build_compliant_mechanism`.
+        state: ``(n,)`` closed state.
+        bodies: Superelements and placements of all components; those that are not carried stand still in the machine frame.
+    """
+    if mechanism.springs is None:
+        raise ValueError("a lumped mechanism needs springs")
+    superelements, own = bodies
+    motions = linearise_poses(model, state)
+    placement, mounting = motions.kinematics.placement, mechanism.mounted.mounting
+    placements: dict[str, Frame] = {}
+    moving: dict[str, FloatArray] = {}
+    for name, body in superelements.items():
+        mark = mechanism.carries.get(name)
+        if mark is None:
+            placements[name], moving[name] = own[name], np.zeros((6, len(motions.stiffness)))
+            continue
+        place = model.mechanism.marks.index(mark)
+        on_mark = compose_frames(mounting, Frame(placement.positions[place], placement.rotations[place]))
+        placements[name] = compose_frames(on_mark, own[name])
+        center = placements[name].origin + placements[name].rotation @ body.center_of_mass
+        motion = rotate_dofs(mounting.rotation) @ mark_motion(model, motions, mark)
+        moving[name] = rigid_transfer(on_mark.origin, center) @ motion
+    return PlacedMechanism(model, mechanism.springs, state, motions, superelements, placements, moving)
+
+
+def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:
+    """Share of the strain energy in each leg's joint, drive and screw at compliant coordinates ``(c,)``."""
+    energy = placed.motions.stiffness * stretch**2
+    total = float(energy.sum())
+    found: dict[str, float] = {}
+    for number, leg in enumerate(LEGS):
+        parts = series_parts(placed.springs, float(placed.state[placed.model.springs.length[2 * number]]))
+        shares = dict(zip(SPRING_PARTS, energy[2 * number + 1] * np.array(parts) / sum(parts), strict=True))
+        shares["joint"] += energy[2 * number]
+        found |= {f"{leg}.{part}": float(value) / total if total else 0.0 for part, value in shares.items()}
+    return found
+
+
+def series_parts(springs: LegSprings, length: float) -> tuple[float, float, float]:
+    """Compliance of joint, drive and screw along a leg of a given length [m/N] (Bonnemains et al. 2010, eqs. 1 and 2)."""
+    return 1.0 / springs.joint, 1.0 / springs.drive, (length + springs.screw_offset) / springs.screw

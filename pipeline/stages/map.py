@@ -1,0 +1,170 @@
+"""A map over the poses of a lumped mechanism: modes followed by shape, static stiffness and condition number over a plane or volume."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.exechon import survey_tool_poses
+from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.scene.requests import MapRequest
+from headstock.scene.scene import SceneMechanism
+from headstock.solvers.linear.mode_tracking import SweptModes, track_modes, tracked_frequencies
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+
+IndexArray = NDArray[np.intp]
+N_PER_UM = 1e-6
+CHUNK = 512  # poses evaluated together: more would leave the cache
+PLAINLY_ALIKE = 0.8  # squared cosine with the neighbour's mode of the same number from which no other can be nearer
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceMap:
+    """Quantities over a grid of poses.
+
+    Attributes:
+        axes: Names of the two or three axes of the grid.
+        positions: Their positions [m, rad].
+        fixed: Positions of the other axes.
+        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz`` is one mode, followed by its shape,
+            the one with the lowest median.
+        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is the same shape.
+        crossings: Numbers of modes whose order changes somewhere.
+        torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
+        trend: Correlation of the first frequency with the mean leg length.
+    """
+
+    axes: tuple[str, ...]
+    positions: tuple[FloatArray, ...]
+    fixed: dict[str, float]
+    quantities: dict[str, FloatArray]
+    likeness: float
+    crossings: tuple[tuple[int, int], ...]
+    torn: int
+    trend: float
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRows:
+    """What is found in poses, NaN where they cannot be taken.
+
+    Attributes:
+        condition: ``(n,)``.
+        frequencies_hz: ``(n, c)`` of all modes.
+        shapes: ``(n, c, c)`` stretches of the springs, one column per mode, weighed so that their squares are shares of strain energy.
+        stiffness: ``(n, 3)`` static stiffness at the tool along x, y, z [N/m].
+        lengths: ``(n, 3)`` of the legs [m].
+    """
+
+    condition: FloatArray
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+    stiffness: FloatArray
+    lengths: FloatArray
+
+
+def map_workspace(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, *, comm: MPI.Comm = MPI.COMM_SELF
+) -> WorkspaceMap | None:
+    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others None."""
+    shape = tuple(len(values) for _, values in request.axes)
+    grid = np.stack(np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1).reshape(-1, len(shape))
+    part = np.array_split(grid, comm.size)[comm.rank]
+    rows = [survey_rows(mechanism, model, request, part[start : start + CHUNK]) for start in range(0, max(len(part), 1), CHUNK)]
+    gathered = comm.gather(rows, root=0)
+    if gathered is None:
+        return None
+    return _assemble(request, shape, _join([row for rows in gathered for row in rows]))
+
+
+def survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray) -> PoseRows:
+    """Poses with the map's axes at positions ``(n, d)``."""
+    names = [name for name, _ in request.axes]
+    poses = [{**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions]
+    size, count = len(model.mechanism.compliant), len(poses)
+    found = PoseRows(*(np.full((count, *tail), np.nan) for tail in ((), (size,), (size, size), (3,), (3,))))
+    if not poses:
+        return found
+    points, directions = (np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True))
+    survey = survey_tool_poses(mechanism.mounted, points, directions)
+    good = survey.within & np.isfinite(survey.condition)
+    if good.any():
+        motions = linearise_poses(model, survey.states[good])
+        modes = solve_pose_modes(motions)
+        turn = mechanism.mounted.mounting.rotation
+        compliance = turn @ tool_compliance(model, motions)[:, :3, :3] @ turn.T
+        found.condition[good] = survey.condition[good]
+        found.frequencies_hz[good] = modes.frequencies_hz
+        found.shapes[good] = np.sqrt(modes.energy) * np.sign(modes.shapes)
+        found.stiffness[good] = 1.0 / np.diagonal(compliance, axis1=1, axis2=2)
+        found.lengths[good] = survey.states[good, :3]
+    return found
+
+
+def _join(rows: list[PoseRows]) -> PoseRows:
+    names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
+    return PoseRows(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))
+
+
+def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
+    edges = _edges(shape, np.isfinite(rows.condition))
+    likeness = _likeness(rows.shapes[:, :, : request.count], edges)
+    followed, crossings, torn = rows.frequencies_hz[:, : request.count], tuple[tuple[int, int], ...](), 0
+    if likeness < PLAINLY_ALIKE:
+        followed, crossings, torn = _follow(rows, edges, request.count)
+    quantities = {"condition_number": rows.condition}
+    quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
+    quantities |= {f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place] for place, axis in enumerate("xyz")}
+    quantities["mean_leg_m"] = rows.lengths.mean(axis=1)
+    good = np.isfinite(rows.condition) & np.isfinite(followed[:, 0])
+    return WorkspaceMap(
+        axes=tuple(name for name, _ in request.axes),
+        positions=tuple(values for _, values in request.axes),
+        fixed=request.fixed,
+        quantities={name: values.reshape(shape) for name, values in quantities.items()},
+        likeness=likeness,
+        crossings=crossings,
+        torn=torn,
+        trend=_correlation(followed[good, 0], rows.lengths[good].mean(axis=1)),
+    )
+
+
+def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
+    """``(e, 2)`` numbers of neighbouring poses that can both be taken."""
+    numbers = np.arange(int(np.prod(shape))).reshape(shape)
+    pairs = []
+    for axis in range(len(shape)):
+        behind, ahead = (np.take(numbers, range(start, shape[axis] - 1 + start), axis=axis) for start in (0, 1))
+        pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
+    found = np.concatenate(pairs)
+    return np.asarray(found[taken[found].all(axis=1)])
+
+
+def _likeness(shapes: FloatArray, edges: IndexArray) -> float:
+    """Least squared cosine between modes of the same number of neighbours."""
+    first, second = edges.T
+    cosines = (shapes[first] * shapes[second]).sum(axis=1) ** 2
+    return float(cosines.min(initial=1.0))
+
+
+def _follow(rows: PoseRows, edges: IndexArray, count: int) -> tuple[FloatArray, tuple[tuple[int, int], ...], int]:
+    """Frequencies ``(n, count)`` by shape, which of them cross, and how many edges tear one apart."""
+    number = len(rows.condition)
+    modes = SweptModes(
+        rows.frequencies_hz, np.nan_to_num(rows.shapes).astype(np.float32), np.full(number, count), np.zeros(number, dtype=np.int64)
+    )
+    tracked = track_modes(modes, [(int(i), int(j)) for i, j in edges])
+    followed = tracked_frequencies(rows.frequencies_hz, tracked.index)[:, :count]
+    if followed.shape[1] < count:
+        followed = np.pad(followed, ((0, 0), (0, count - followed.shape[1])), constant_values=np.nan)
+    crossings = tuple((int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count)
+    return followed, crossings, tracked.torn
+
+
+def _correlation(first: FloatArray, second: FloatArray) -> float:
+    if len(first) < 2 or np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+        return 0.0
+    return float(np.corrcoef(first, second)[0, 1])

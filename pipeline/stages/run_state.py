@@ -1,0 +1,111 @@
+"""What a run has made so far; handed from stage to stage."""
+
+from dataclasses import dataclass, field
+
+from mpi4py import MPI
+
+from headstock.geometry.errors import printable
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Load, Support
+from headstock.geometry.parts.skins import Skin
+from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
+from headstock.pipeline.planning.plan import Plan
+from headstock.pipeline.results.frf import PoseResponse
+from headstock.pipeline.results.path import PathResult
+from headstock.pipeline.results.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.results.views import PoseView
+from headstock.pipeline.stages.lumped_machine import PlacedMechanism
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.superelement import Superelement
+from headstock.scene.scene import Scene
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.second_order import SecondOrderSystem
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedComponent:
+    """What the store keeps of a reduced component: its superelement, the quality of the mesh it came from and that mesh's skin."""
+
+    superelement: Superelement
+    quality: MeshQuality | None = None
+    skin: Skin | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseMotions:
+    """Motions of a coupled machine in a pose: of all superelement dofs, and which of them are each component's.
+
+    Attributes:
+        offsets: Component to its rows.
+        motions: ``"POINT DIRECTION"`` to ``(n_all,)`` motion under a unit force there [m/N, rad/N].
+    """
+
+    offsets: dict[str, slice]
+    motions: dict[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class RunState:
+    """Everything stages read and add to; complete on rank 0, the others hold only meshes."""
+
+    scene: Scene
+    plan: Plan
+    comm: MPI.Comm
+    store: Store
+    meshes: dict[str, ComponentMesh] = field(default_factory=dict)
+    reduced: dict[str, ReducedComponent] = field(default_factory=dict)
+    read: dict[object, ReducedComponent] = field(default_factory=dict)
+    coupled: CoupledMachine | None = None
+    all_modes: tuple[SecondOrderSystem, ModalResult] | None = None
+    static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)
+    probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
+    probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
+    modal: list[PoseModes] = field(default_factory=list)
+    responses: list[PoseResponse] = field(default_factory=list)
+    skins: dict[str, Skin] = field(default_factory=dict)
+    views: dict[str, PoseView] = field(default_factory=dict)
+    motions: dict[str, PoseMotions] = field(default_factory=dict)
+    placed: PlacedMechanism | None = None
+    mechanism: dict[str, MechanismPose] = field(default_factory=dict)
+    map: Json | None = None
+    contouring: Json | None = None
+    path: PathResult | None = None
+    energy_errors: dict[str, float] = field(default_factory=dict)
+    control: dict[str, Json] = field(default_factory=dict)
+    accuracy: Json | None = None
+    warnings: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    files: dict[str, str] = field(default_factory=dict)
+    provenance: Provenance | None = None
+
+    @property
+    def is_root(self) -> bool:
+        """This is rank 0, which reads, writes and couples."""
+        return int(self.comm.rank) == 0
+
+    def warn(self, message: str | None) -> None:
+        """Keep a warning, each text once, on one line and without what a terminal would obey."""
+        message = printable(message or "")
+        if message and message not in self.warnings:
+            self.warnings.append(message)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a stage went: whether its result came from the store, and what came out, in a few words."""
+
+    cached: bool = False
+    detail: str = ""
+
+
+def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:
+    """Supports on a component."""
+    return tuple(support for support in state.scene.machine.supports.values() if support.component == component.name)
+
+
+def component_loads(state: RunState, component: Component) -> tuple[Load, ...]:
+    """Loads on a component."""
+    return tuple(load for load in state.scene.machine.loads.values() if load.component == component.name)

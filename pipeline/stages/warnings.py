@@ -1,0 +1,114 @@
+"""Warnings about frequencies near or beyond what a component's reduction or mesh can show."""
+
+import math
+
+import numpy as np
+
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.stages.run_state import ReducedComponent
+
+CUTOFF_MARGIN = 1.5
+FEWEST_NODES = 6.0  # per wavelength: three second-order elements
+# Share by which single tet10 across a wall raise a frequency, over (L / wavelength)^4 (L / t)^2: 15 to 60 in square plates
+# of 1:200 and 1:1000 with hinged and clamped edges
+LOCKING = 30.0
+LOCKED = 0.03
+
+
+def warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> list[str]:
+    """A warning where frequencies come near the first fixed-interface mode left out.
+
+    Source: the margin is that of Code_Aster R4.06.02 for dynamic substructuring.
+    """
+    truncation = reduced.superelement.truncation
+    # without any mode kept the moments still tell where the first one lies
+    cutoff = reduced.superelement.cutoff_hz if truncation is None else math.sqrt(truncation.limit) / (2.0 * math.pi)
+    if not highest_hz > cutoff / CUTOFF_MARGIN:
+        return []
+    found = (
+        f"component {name!r} keeps its fixed-interface modes complete up to {cutoff:.4g} Hz only, and frequencies up to"
+        f" {highest_hz:.4g} Hz are reported: those above {cutoff / CUTOFF_MARGIN:.4g} Hz are too high"
+    )
+    if highest_hz > cutoff:
+        found += f", for those above {cutoff:.4g} Hz there is no error estimate, and some may be missing"
+    return [f'{found}; write reduction = {{ modes_to = "{3 * highest_hz:.0f} Hz" }}']
+
+
+def warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
+    """A warning where waves are too short for the mesh: fewer than six nodes on the shortest of them."""
+    if reduced.quality is None or reduced.skin is None or not highest_hz > 0.0 or component.material.density <= 0.0:
+        return []
+    thickness = wall_thickness(reduced.skin, reduced.quality)
+    length = shortest_wave(component, thickness, highest_hz)
+    spacing = node_spacing(reduced.superelement.full_dofs // 3, reduced.quality.volume, thickness)
+    if length >= FEWEST_NODES * spacing:
+        return []
+    return [
+        f"component {component.name!r}: at {highest_hz:.4g} Hz a wave in its walls of about {1e3 * thickness:.3g} mm is"
+        f" {1e3 * length:.3g} mm long, {length / spacing:.2g} nodes of its mesh, and frequencies there come out too high;"
+        f' write mesh = {{ size = "{1e3 * 2.0 * length / FEWEST_NODES:.2g} mm" }}'
+    ]
+
+
+def warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None) -> list[str]:
+    """A warning where single tetrahedra across thin walls lock in bending waves as short as those of the highest frequency.
+
+    Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of which irregular meshes have few.
+
+    Args:
+        component: What it is about.
+        reduced: Its superelement and mesh.
+        highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as long as the part count.
+        error: Largest share of a result that its mesh may be off by; None where unknown. Walls that carry loads along their plane do
+            not lock, and this is how they are known.
+    """
+    quality = reduced.quality
+    if quality is None or reduced.skin is None or not quality.flatness > 0.0 or (error is not None and error < LOCKED):
+        return []
+    material, extent = component.material, float(np.ptp(reduced.skin.points, axis=0).max())
+    stiffness = material.youngs_modulus / (12.0 * (1.0 - material.poisson_ratio**2))
+    if highest_hz > 0.0:
+        # wavelength^4 over t^2 of bending waves
+        waves = (2.0 * math.pi / highest_hz) ** 2 * stiffness / material.density
+    else:
+        waves = extent**4 / wall_thickness(reduced.skin, quality) ** 2
+    share = LOCKING * quality.flatness / waves
+    if share < LOCKED:
+        return []
+    size = quality.flat_size * (0.01 / share) ** (1.0 / 6.0)
+    amount = f"some {100.0 * share:.1g} %" if share < 0.5 else "many times"
+    cure = ', or cells = "hex"' if isinstance(component.solid, Box) else ""
+    return [
+        f"component {component.name!r}: single tetrahedra of {1e3 * quality.flat_size:.3g} mm across walls of"
+        f" {1e3 * quality.flat_thickness:.3g} mm lock in bending, frequencies may come out {amount} too high;"
+        f' write mesh = {{ size = "{1e3 * size:.2g} mm" }}{cure}'
+    ]
+
+
+def wall_thickness(skin: Skin, quality: MeshQuality) -> float:
+    """Twice the volume over the surface [m]: the thickness of a component that is all walls, less than that of a block."""
+    corners = skin.points[skin.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 2.0 * quality.volume / float(0.5 * np.linalg.norm(normals, axis=1).sum())
+
+
+def shortest_wave(component: Component, thickness: float, hz: float) -> float:
+    """Length [m] of the shorter of a shear wave and of a bending wave in a plate of the walls' thickness.
+
+    Source: Cremer, Heckl and Petersson (2005), Structure-Borne Sound, eqs. 3.36 and 3.83.
+    """
+    material, omega = component.material, 2.0 * math.pi * hz
+    shear = math.sqrt(material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio)) / material.density) / hz
+    plate = material.youngs_modulus * thickness**2 / (12.0 * (1.0 - material.poisson_ratio**2) * material.density)
+    bending = 2.0 * math.pi * math.sqrt(math.sqrt(plate) / omega)
+    return min(shear, bending)
+
+
+def node_spacing(nodes: int, volume: float, thickness: float) -> float:
+    """Distance [m] of the nodes of a mesh along its walls, at least three of them through the thickness."""
+    even = math.cbrt(volume / nodes)
+    across = max(3.0, thickness / even + 1.0)
+    return max(even, math.sqrt(volume / thickness * across / nodes))

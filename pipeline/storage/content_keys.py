@@ -1,0 +1,132 @@
+"""Keys of the store: SHA-256 of everything a mesh or a superelement depends on, and of nothing else."""
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import headstock.geometry
+import headstock.meshing
+import headstock.reduction
+import headstock.solvers
+from headstock.geometry.parts.components import Component, Load, Support
+from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
+
+SIGNIFICANT_DIGITS = 12
+MESH_LIBRARIES = ("gmsh", "numpy")
+REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
+
+
+def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
+    """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or name."""
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in (headstock.geometry, headstock.meshing)],
+            "libraries": library_versions(MESH_LIBRARIES),
+            "solid": _solid_content(component),
+            "settings": component.mesh,
+            "interfaces": {name: (interface.patches, interface.force) for name, interface in component.interfaces.items()},
+            "supports": {support.name: support.patches for support in supports},
+            "loads": {load.name: load.patches for load in loads if load.patches},
+        }
+    )
+
+
+def skin_key(component: Component) -> str:
+    """Key of what is drawn of a solid from a file."""
+    return _digest(
+        {
+            "algorithm": [code_fingerprint(package) for package in (headstock.geometry, headstock.meshing)],
+            "libraries": library_versions(MESH_LIBRARIES),
+            "skin of": _solid_content(component),
+        }
+    )
+
+
+def superelement_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
+    """Key of an elastic component's superelements: its mesh, material, couplings, supports and loads.
+
+    How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that holds more serves for less.
+
+    Args:
+        component: Elastic component.
+        supports: On this component.
+        loads: On this component; of tractions and body loads only the place counts, as a superelement holds their unit loads.
+    """
+    material = component.material
+    return _digest(
+        {
+            "mesh": mesh_key(component, supports, loads),
+            "algorithm": [code_fingerprint(package) for package in (headstock.solvers, headstock.reduction)],
+            "libraries": library_versions(REDUCTION_LIBRARIES),
+            "material": (material.youngs_modulus, material.poisson_ratio, material.density),
+            "mass": component.mass,
+            "couplings": {name: (interface.coupling, interface.rail) for name, interface in component.interfaces.items()},
+            "supports": {support.name: sorted(support.directions) for support in supports},
+            "loads": {load.name: (load.kind, load.magnitude) for load in loads if load.kind != "force"},
+        }
+    )
+
+
+@functools.cache
+def library_versions(names: tuple[str, ...]) -> dict[str, str]:
+    """Versions of installed libraries, read from their metadata without importing them; ``"unknown"`` where there is none."""
+    return {name: _library_version(name) for name in names}
+
+
+@functools.cache
+def code_fingerprint(package: Any) -> str:
+    """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
+    digest = hashlib.sha256()
+    for folder in package.__path__:
+        for path in sorted(Path(folder).rglob("*.py")):
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def canonical_json(value: Any) -> str:
+    """JSON that is equal for equal content: sorted keys, floats to 12 significant digits."""
+    return json.dumps(_canonical(value), sort_keys=True, allow_nan=False, separators=(",", ":"))
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+
+
+def _canonical(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: _canonical(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {"type": type(value).__name__, **fields}
+    if isinstance(value, dict):
+        return {str(key): _canonical(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_canonical(item) for item in value]
+    if isinstance(value, float | np.floating):
+        # as a word: json would write infinities, which are legal for open limits, as invalid tokens; + 0.0 drops the sign of zero
+        return repr(float(f"{float(value):.{SIGNIFICANT_DIGITS}g}") + 0.0)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    raise TypeError(f"a {type(value).__name__} has no canonical form")
+
+
+def _solid_content(component: Component) -> Any:
+    solid = component.solid
+    if isinstance(solid, StepFile | MeshFile | SuperelementFile):
+        details = {name: value for name, value in dataclasses.asdict(solid).items() if name != "path"}
+        with solid.path.open("rb") as file:
+            content = hashlib.file_digest(file, "sha256").hexdigest()
+        return {"type": type(solid).__name__, "content": content, "suffix": solid.path.suffix.lower(), **details}
+    return solid
+
+
+def _library_version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"

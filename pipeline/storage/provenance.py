@@ -1,0 +1,158 @@
+"""Where a result comes from: the scene as it was read, what was changed on the command line, and the program, time and place."""
+
+import functools
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import socket
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from headstock.pipeline.storage.json_texts import Json
+
+DISTRIBUTION = "headstock"
+UNKNOWN = "unknown"
+MAX_BYTES = 1 << 20  # of a scene
+COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
+PROJECT = Path(__file__).resolve().parents[2]  # with machines/, tests/ and the launcher, in a checkout
+
+
+@dataclass(frozen=True)
+class ProgramVersion:
+    """Version of Headstock, and the commit of its checkout or of what was installed; ``unknown`` where nothing says it."""
+
+    version: str
+    commit: str
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """A scene file, its variant, the ``KEY=VALUE`` of each ``--set``, and the analyses that were named."""
+
+    path: Path
+    variant: str | None = None
+    overrides: tuple[str, ...] = ()
+    analyses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result comes from.
+
+    Attributes:
+        scene_file: Name of the scene file.
+        scene_sha256: Of its bytes.
+        scene_text: Of the file, before variant and overrides.
+        variant: That was applied; None for none.
+        overrides: ``KEY=VALUE`` of each ``--set``, in their order.
+        analyses: Named on the command line; empty for all that the scene asks for.
+        version: Of Headstock.
+        commit: Of Headstock.
+        date: When the command began, UTC, ISO 8601.
+        ranks: MPI ranks.
+        threads: BLAS threads of each rank.
+        command: Words of the command line, without the program; None where they are left out or there was none.
+        host: Name of the computer; None where it is left out.
+    """
+
+    scene_file: str
+    scene_sha256: str
+    scene_text: str
+    variant: str | None
+    overrides: tuple[str, ...]
+    analyses: tuple[str, ...]
+    version: str
+    commit: str
+    date: str
+    ranks: int
+    threads: int
+    command: tuple[str, ...] | None = None
+    host: str | None = None
+
+    def summarise(self) -> "Json":
+        """The same for a summary; host and command only where they are known."""
+        content = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return {key: value for key, value in content.items() if value is not None or key == "variant"}
+
+    def summarise_for_export(self) -> "Json":
+        """The same for a file of one model that is passed on: the digest of the scene, not its text, which may tell more than the model."""
+        return {key: value for key, value in self.summarise().items() if key != "scene_text"}
+
+
+def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool) -> Provenance:
+    """Where what is computed now comes from.
+
+    Args:
+        choice: Scene file, and what the command line changes of it.
+        ranks: MPI ranks.
+        command: Words of the command line.
+        with_host: State host and command line.
+
+    Raises:
+        OSError: The scene file is gone.
+    """
+    if not choice.path.is_file() or choice.path.stat().st_size > MAX_BYTES:
+        raise OSError(f"{choice.path} is no scene file")
+    content = choice.path.read_bytes()
+    program = find_version()
+    return Provenance(
+        scene_file=choice.path.name,
+        scene_sha256=hashlib.sha256(content).hexdigest(),
+        scene_text=content.decode("utf-8", "replace"),
+        variant=choice.variant,
+        overrides=choice.overrides,
+        analyses=choice.analyses,
+        version=program.version,
+        commit=program.commit,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        ranks=ranks,
+        threads=int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
+        command=tuple(command) if with_host and command is not None else None,
+        host=socket.gethostname() if with_host else None,
+    )
+
+
+@functools.cache
+def find_version(root: Path = PROJECT) -> ProgramVersion:
+    """Version and commit of this program: of the checkout at a folder, else of the installed distribution."""
+    try:
+        project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+        if project["name"] == DISTRIBUTION:
+            return ProgramVersion(str(project["version"]), _read_head(root) or UNKNOWN)
+    except (OSError, ValueError, KeyError):
+        pass  # no checkout
+    try:
+        found = importlib.metadata.distribution(DISTRIBUTION)
+        origin = json.loads(found.read_text("direct_url.json") or "{}")
+        return ProgramVersion(found.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN)))
+    except (importlib.metadata.PackageNotFoundError, ValueError, AttributeError):
+        return ProgramVersion(UNKNOWN, UNKNOWN)
+
+
+def _read_head(root: Path) -> str | None:
+    """The commit that is checked out, read from git's files: git itself may not be installed."""
+    try:
+        folder = root / ".git"
+        if folder.is_file():  # a worktree of another checkout
+            folder = (root / folder.read_text().partition("gitdir:")[2].strip()).resolve()
+        head = (folder / "HEAD").read_text().strip()
+        name = head.removeprefix("ref:").strip()
+        if name == head:
+            return head if COMMIT.fullmatch(head) else None
+        common = folder / "commondir"
+        shared = (folder / common.read_text().strip()).resolve() if common.is_file() else folder
+        for place in (folder / name, shared / name):
+            if place.is_file():
+                found = place.read_text().strip()
+                return found if COMMIT.fullmatch(found) else None
+        packed = (line.partition(" ") for line in (shared / "packed-refs").read_text().splitlines())
+        return next((commit for commit, _, ref in packed if ref == name and COMMIT.fullmatch(commit)), None)
+    except OSError:
+        return None

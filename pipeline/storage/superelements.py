@@ -1,0 +1,260 @@
+"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``."""
+
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+import h5py
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.errors import printable
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.carriages import DEGREE
+from headstock.meshing.process.guarded import ChildLimits, run_guarded
+from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
+from headstock.reduction.rails import STATION_DOFS
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import dof_scale
+
+FORMAT = "headstock superelement"
+VERSION = 1
+# limits of the child process that reads a file first: fixed, and growing with the file
+PROBE = "headstock.pipeline.storage.superelement_probe"
+REFUSED = 3
+MEMORY_BYTES = 768 << 20
+MEMORY_FACTOR = 20
+SECONDS = 8
+LONGEST_NAME = 200
+LARGEST_FILE = 4 << 30
+MARKUP = set("<>&\"'`\\")
+CONSISTENCY = 1e-6  # relative, between numbers that say the same
+# a process that waits uses no processor time; a busy machine gives one little of it
+WALL_SECONDS = 60
+
+
+def write_superelement(path: Path, superelement: Superelement, origin: Provenance | None = None) -> None:
+    """Write a superelement, with where it comes from, so that a reader sees the old file or the whole new one, never a part.
+
+    Raises:
+        OutputError: It cannot be written, or there is a file that Headstock did not write.
+    """
+    image = io.BytesIO()
+    with h5py.File(image, "w", track_order=True) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        write_record(file, superelement)
+        if origin is not None:
+            write_words(file.create_group("provenance"), origin.summarise_for_export())
+    write_output(path, image.getvalue())
+
+
+def read_superelement(path: Path) -> Superelement:
+    """Read a superelement file and check that its parts fit together; a child process with limits reads it first.
+
+    Raises:
+        RecordError: The file is no superelement file, is damaged, or its arrays contradict each other.
+    """
+    if path.exists() and not path.is_file():
+        raise RecordError(f"{path} cannot be read: it is no regular file")
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise RecordError(f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB")
+        # once: what the child finds sound is what is read, whoever writes to the file meanwhile
+        content = path.read_bytes()
+        _probe(content, path.name)
+        return parse_superelement(io.BytesIO(content), str(path))
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def parse_superelement(content: BinaryIO, name: str) -> Superelement:
+    """Read a superelement from the content of its file.
+
+    Args:
+        content: Of the file.
+        name: Of the file, for messages.
+
+    Raises:
+        RecordError: It is no superelement file, is damaged, or its arrays contradict each other.
+    """
+    try:
+        with h5py.File(content, "r") as file:
+            require_plain(file)
+            if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
+                raise RecordError(f"it is not a {FORMAT} file of version {VERSION}")
+            superelement = read_record(file, Superelement)
+    except RecordError as error:
+        raise RecordError(f"{name}: {error}") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # h5py raises almost anything on damaged files
+        raise RecordError(f"{name} cannot be read as a superelement: {type(error).__name__}: {error}") from error
+    _check_texts(name, superelement)
+    _check_shapes(name, superelement)
+    _check_meaning(name, superelement)
+    return superelement
+
+
+def _probe(content: bytes, name: str) -> None:
+    size = len(content)
+    more = size // 10_000_000
+    limits = ChildLimits(MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more)
+    end = run_guarded(PROBE, [name], limits=limits, stdin=content)
+    if end.code == 0:
+        return
+    message = end.last_line
+    if end.out_of_time:
+        message = f"{name}: reading it took more than {end.out_of_time}; {end.time_remedy or 'it is damaged: export it again'}"
+    elif end.out_of_memory:
+        message = f"{name}: reading it needed more than {end.memory_limit}; {end.memory_remedy or 'it is damaged: export it again'}"
+    elif end.code != REFUSED:
+        message = f"{name} is damaged: the process that read it within its limits ended with code {end.code} ({message})"
+    raise RecordError(message)
+
+
+def _check_texts(path: str, superelement: Superelement) -> None:
+    """Refuse names and warnings that a terminal, a page or a file name could take for more than words."""
+    nested = (superelement.attachments, superelement.loads, superelement.rails, superelement.free_dofs)
+    names = [name for part in nested for name in part] + [name for label in superelement.labels for name in label]
+    if any(len(label) != 2 for label in superelement.labels):
+        raise RecordError(f"{path}: labels must be pairs of words")
+    for name in (superelement.name, *names):
+        if not isinstance(name, str) or len(name) > LONGEST_NAME or printable(name) != name or set(name) & MARKUP:
+            raise RecordError(
+                f"{path}: {printable(str(name))[:LONGEST_NAME]!r} is no name of an interface, a load, a dof or a part"
+            )
+    for warning in superelement.warnings:
+        if not isinstance(warning, str) or printable(warning) != warning:
+            raise RecordError(f"{path}: a warning holds control characters: {printable(str(warning))[:LONGEST_NAME]!r}")
+
+
+def _check_meaning(path: str, superelement: Superelement) -> None:
+    """Refuse numbers that contradict each other: what coupling and errors are computed from must belong together."""
+    single = {
+        "cutoff_hz": superelement.cutoff_hz,
+        "mass_kg": superelement.mass_kg,
+        "residual": superelement.residual,
+        "full_dofs": float(superelement.full_dofs),
+    }
+    for name, value in single.items():
+        if not value >= 0.0 or (np.isinf(value) and name != "cutoff_hz"):
+            raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
+    if not 1.0 <= superelement.mesh_safety < np.inf:
+        raise RecordError(f"{path}: mesh_safety is {superelement.mesh_safety}; it must be a number of at least 1")
+    scale = dof_scale(superelement)
+    if superelement.missing_energy is not None:
+        _check_semidefinite(path, "missing_energy", superelement.missing_energy, scale)
+    truncation = superelement.truncation
+    if truncation is not None:
+        scale = scale[: superelement.boundary_size]
+        _check_semidefinite(path, "truncation/first", truncation.first, scale)
+        _check_semidefinite(path, "truncation/second", truncation.second, scale)
+        # p p^T / omega^4 is at most p p^T / omega^2 over the lowest omega^2
+        rest = truncation.first / truncation.limit - truncation.second
+        if _lowest_share(rest, truncation.second, scale) < -CONSISTENCY:
+            raise RecordError(f"{path}: truncation/second is larger than truncation/first allows above its limit")
+    _check_frequencies(path, superelement)
+    _check_places(path, superelement)
+
+
+def _check_frequencies(path: str, superelement: Superelement) -> None:
+    """The frequencies of the modal dofs must be those of their stiffness and mass."""
+    modal = slice(superelement.boundary_size, None)
+    stated = np.sort(superelement.modal_frequencies_hz)
+    if not stated.size:
+        return
+    try:
+        squares = scipy.linalg.eigh(superelement.stiffness[modal, modal], superelement.mass[modal, modal], eigvals_only=True)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise RecordError(f"{path}: the mass of its modal dofs is not positive: {error}") from error
+    found = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    worst = int(np.argmax(np.abs(found - stated) / np.maximum(stated, np.finfo(float).tiny)))
+    if not abs(found[worst] - stated[worst]) <= CONSISTENCY * stated[worst]:
+        raise RecordError(
+            f"{path}: modal_frequencies_hz says {stated[worst]:.6g} Hz where stiffness and mass have {found[worst]:.6g} Hz"
+        )
+
+
+def _check_places(path: str, superelement: Superelement) -> None:
+    """Nodes and interfaces must lie within the body, and rails must be rails."""
+    places = {f"node {number}": frame.origin for number, frame in enumerate(superelement.frames)}
+    places |= {f"interface {name!r}": attachment.frame.origin for name, attachment in superelement.attachments.items()}
+    for number, station in enumerate(superelement.stations):
+        if station.axis not in (0, 1, 2) or station.point.shape != (3,) or not np.isfinite(station.point).all():
+            raise RecordError(f"{path}: station {number} has no place along an axis")
+        places[f"station {number}"] = station.point
+    for name, rail in superelement.rails.items():
+        ends = np.array([rail.low, rail.high, rail.blur, *rail.knots])
+        if rail.axis not in (0, 1, 2) or not np.isfinite(ends).all() or rail.blur < 0.0 or not rail.low < rail.high:
+            raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
+        if (np.diff(rail.knots) < 0.0).any():
+            raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
+    points = superelement.recovery_points
+    if points is None or not len(points):
+        return
+    low, high = points.min(axis=0), points.max(axis=0)
+    # a beam of segments is drawn as a line: its interfaces lie up to its length beside it
+    outside = float(np.linalg.norm(high - low)) * (CONSISTENCY if superelement.modal_count else 1.0)
+    for name, place in places.items():
+        if (place < low - outside).any() or (place > high + outside).any():
+            raise RecordError(f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m")
+
+
+def _check_semidefinite(path: str, name: str, matrix: FloatArray, scale: FloatArray) -> None:
+    if (np.abs(matrix - matrix.T) > CONSISTENCY * float(np.abs(matrix).max(initial=0.0))).any():
+        raise RecordError(f"{path}: {name} is not symmetric")
+    lowest = _lowest_share(matrix, matrix, scale)
+    if lowest < -CONSISTENCY:
+        raise RecordError(f"{path}: {name} has a negative direction, {lowest:.2g} of its largest entry; errors cannot be negative")
+
+
+def _lowest_share(matrix: FloatArray, size: FloatArray, scale: FloatArray) -> float:
+    """Lowest eigenvalue of a matrix over the largest entry of another one, both scaled so that every dof is a length."""
+    largest = float(np.abs(size * scale * scale[:, None]).max(initial=0.0))
+    scaled = 0.5 * (matrix + matrix.T) * scale * scale[:, None]
+    return float(np.linalg.eigvalsh(scaled)[0]) / largest if largest > 0.0 else 0.0
+
+
+def _check_shapes(path: str, superelement: Superelement) -> None:
+    size = len(superelement.labels)
+    expected = {
+        "stiffness": (superelement.stiffness, (size, size)),
+        "mass": (superelement.mass, (size, size)),
+        "damping": (superelement.damping, (size, size)),
+        "missing_energy": (superelement.missing_energy, (size, size)),
+        "shape_stiffness": (superelement.shape_stiffness, (size, size)),
+        "shape_mass": (superelement.shape_mass, (size, size)),
+        "constraints": (superelement.constraints, (len(superelement.constraints), size)),
+        "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
+        "center_of_mass": (superelement.center_of_mass, (3,)),
+        "inertia": (superelement.inertia, (3, 3)),
+    }
+    points = superelement.recovery_points
+    if points is not None:
+        expected["recovery_points"] = (points, (len(points), 3))
+    if superelement.recovery is not None and superelement.recovery_points is not None:
+        expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
+    for name, load in superelement.loads.items():
+        expected[f"loads/{name}"] = (load.vector, (size,))
+        if load.particular is not None:
+            expected[f"loads/{name}/particular"] = (load.particular, (0 if points is None else 3 * len(points),))
+    if superelement.truncation is not None:
+        boundary = (superelement.boundary_size, superelement.boundary_size)
+        expected["truncation/first"] = (superelement.truncation.first, boundary)
+        expected["truncation/second"] = (superelement.truncation.second, boundary)
+        if not superelement.truncation.limit > 0.0:
+            raise RecordError(f"{path}: truncation/limit is {superelement.truncation.limit}; it must be above zero")
+    for name, rail in superelement.rails.items():
+        expected[f"rails/{name}/control"] = (rail.control, (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size))
+        expected[f"rails/{name}/center"] = (rail.center, (3,))
+    for name, (array, shape) in expected.items():
+        if array is not None and array.shape != shape:
+            raise RecordError(f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels")
+        if array is not None and not np.isfinite(array).all():
+            raise RecordError(f"{path}: {name} holds values that are not finite")
+    for name, attachment in superelement.attachments.items():
+        if not 0 <= attachment.node < len(superelement.frames):
+            raise RecordError(f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}")

@@ -1,0 +1,1 @@
+"""One component to one superelement: elastic, rigid, segmented. Never joints or poses."""

@@ -1,0 +1,189 @@
+"""Fixed-interface modes of a component: iterative for few modes, dense for most of a small model's."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.solvers.errors import AccuracyError, ConvergenceError
+from headstock.solvers.ranks import sum_over_ranks
+
+DENSE_LIMIT = 4000
+DENSE_SHARE = 0.1
+SMALL = 400
+RAYLEIGH_TOLERANCE = 1e-7  # what the search itself leaves
+ROUNDOFF_LIMIT = (
+    0.3  # share of an eigenvalue that rounding of the stiffness may reach in the search; the Rayleigh quotient keeps 1e-3 of it
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedInterfaceModes:
+    """Modes with every boundary dof at zero.
+
+    Attributes:
+        eigenvalues: ``(m,)`` [rad^2/s^2].
+        shapes: ``(3 n_owned, m)`` mass-normalised.
+        cutoff_hz: No mode below this frequency is missing; inf when all are kept.
+        residual: Largest relative change of an eigenvalue between the search and the Rayleigh quotient.
+    """
+
+    eigenvalues: FloatArray
+    shapes: FloatArray
+    cutoff_hz: float
+    residual: float
+
+
+def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | None) -> FixedInterfaceModes:
+    """Fixed-interface modes, complete up to a target and never cut through a cluster.
+
+    Args:
+        solver: Solver of the component with its interfaces fixed; its factorisation is reused.
+        target: Count or frequency; None or a count of zero keeps none.
+
+    Raises:
+        ConvergenceError: The modes did not converge.
+        AccuracyError: A pair fails its residual check.
+
+    Source: Craig and Bampton (1968).
+    """
+    owned = solver.operators.owned_dofs
+    none = FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), 0.0, 0.0)
+    dimension = solver.free_total - solver.constraints.shape[1]
+    if target is None or target.count == 0 or dimension <= 0:
+        return none if dimension > 0 else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
+    many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
+    if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
+        values, shapes, following = _dense_modes(solver, target)
+    else:
+        start = _start_block(solver, _block_width(target))
+        pairs = lowest_eigenpairs(solver.apply, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension)
+        values, shapes, following = pairs.values, pairs.vectors, pairs.next_value
+    values, shapes, change = _improve(solver, values, shapes)
+    cutoff = float(np.sqrt(following) / (2.0 * np.pi))
+    return FixedInterfaceModes(values, _fix_signs(solver, shapes), cutoff, change)
+
+
+def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:
+    """Count the modes below the first one left out by a factorisation of its own, so that no twin can have been lost.
+
+    Raises:
+        AccuracyError: The count differs from the number of modes found.
+
+    Source: Sylvester's law of inertia; Parlett (1980), sec. 3.3.
+    """
+    kept = np.sqrt(modes.eigenvalues.max(initial=0.0)) / (2.0 * np.pi)
+    if not np.isfinite(modes.cutoff_hz) or modes.cutoff_hz <= 0.0:
+        return
+    shift = 0.5 * (kept + modes.cutoff_hz)
+    count = count_frequencies_below(solver.operators, solver.held, shift, constraints=solver.constraints)
+    if count != len(modes.eigenvalues):
+        raise AccuracyError(
+            f"{count} fixed-interface modes lie below {shift:.6g} Hz by a Sturm count, but {len(modes.eigenvalues)} were found; "
+            "ask for another number of modes"
+        )
+
+
+def _block_width(target: ModeTarget) -> int:
+    return int(np.clip((target.count or 30) // 3, 6, 12))
+
+
+def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
+    """The same pseudo-random block for any number of ranks."""
+    nodes = solver.operators.nodes
+    table = np.random.default_rng(20101).standard_normal((solver.operators.total_nodes, 3 * width))
+    return np.where(solver.held[:, None], 0.0, table[nodes].reshape(-1, width))
+
+
+def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> tuple[FloatArray, FloatArray, float]:
+    """All modes of a small model by dense algebra on every rank alike."""
+    comm, operators = solver.comm, solver.operators
+    free = np.flatnonzero(~solver.held)
+    total = solver.free_total
+    if total > DENSE_LIMIT + 200:
+        raise ConvergenceError(
+            f"{target} asks for most modes of a model with {total} free dofs; at most {DENSE_LIMIT} are done densely"
+        )
+    exscan: Any = comm  # mpi4py types leave out exscan
+    first = int(exscan.exscan(len(free)) or 0)
+    stiffness, mass = np.zeros((total, total)), np.zeros((total, total))
+    constraints = np.zeros((total, solver.constraints.shape[1]))
+    for owner in range(comm.size):
+        count, start = comm.bcast((len(free), first), root=owner)
+        unit = np.zeros((operators.owned_dofs, count))
+        if comm.rank == owner:
+            unit[free, np.arange(count)] = 1.0
+        stiffness[first : first + len(free), start : start + count] = operators.apply_stiffness(unit)[free]
+        mass[first : first + len(free), start : start + count] = operators.apply_mass(unit)[free]
+    constraints[first : first + len(free)] = solver.constraints[free]
+    held = sum_over_ranks(comm, constraints)
+    basis = scipy.linalg.qr(held)[0][:, held.shape[1] :] if held.shape[1] else np.eye(total)
+    values, vectors = scipy.linalg.eigh(
+        _congruence(basis, sum_over_ranks(comm, stiffness)), _congruence(basis, sum_over_ranks(comm, mass))
+    )
+    frequencies = np.sqrt(np.abs(values)) / (2.0 * np.pi)
+    end = cluster_end(frequencies, min(target.count_wanted(frequencies), len(values)))
+    shapes = np.zeros((operators.owned_dofs, end))
+    shapes[free] = (basis @ vectors[:, :end])[first : first + len(free)]
+    return values[:end], shapes, float(values[end]) if end < len(values) else np.inf
+
+
+def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
+    product = basis.T @ (0.5 * (matrix + matrix.T)) @ basis
+    return np.asarray(0.5 * (product + product.T))
+
+
+def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the search is checked by it.
+
+    The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff`` says, or as the pins of a free body
+    make of it; its shapes are off by the same share and the Rayleigh quotient by the square.
+    """
+    if not len(values):
+        return values, shapes, 0.0
+    stiffness = solver.product(shapes, solver.forces(shapes))
+    mass = solver.product(shapes, solver.operators.apply_mass(shapes))
+    improved, vectors = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
+    shapes = shapes @ vectors
+    share = solver.operators.energy_roundoff(shapes) / improved
+    share = share * max(1.0, solver.roundoff / share.max())
+    require_resolved(values, improved, share)
+    return improved, shapes, float(np.abs(improved / values - 1.0).max())
+
+
+def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:
+    """Refuse eigenvalues that rounding may have drowned, or that two methods do not agree on as far as rounding lets them.
+
+    Args:
+        values: ``(m,)`` found with the inverse of the stiffness.
+        improved: ``(m,)`` found with the stiffness itself.
+        roundoff: ``(m,)`` share of each that rounding of the stiffness may reach.
+
+    Raises:
+        AccuracyError: Names the share or the difference, and what is allowed.
+    """
+    changes = np.abs(improved / values - 1.0)
+    if not (roundoff <= ROUNDOFF_LIMIT).all():
+        raise AccuracyError(
+            f"rounding of the stiffness reaches {roundoff.max():.2g} of a fixed-interface eigenvalue (allowed {ROUNDOFF_LIMIT:g}): the "
+            "component is too thin or too slender for solid elements; make it thicker, or model it as rigid or segmented"
+        )
+    if not (changes <= RAYLEIGH_TOLERANCE + roundoff).all():
+        worst = int(np.argmax(changes - roundoff))
+        raise AccuracyError(
+            f"fixed-interface eigenvalue {worst + 1} changes by {changes[worst]:.2g} between the inverse and the stiffness itself; its "
+            f"conditioning allows {RAYLEIGH_TOLERANCE + roundoff[worst]:.2g}: look for slivers"
+        )
+
+
+def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
+    """Signs that do not depend on the number of ranks."""
+    table = np.random.default_rng(7).standard_normal((solver.operators.total_nodes, 3))
+    weights = table[solver.operators.nodes].reshape(1, -1)
+    signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
+    return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))

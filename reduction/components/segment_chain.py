@@ -1,0 +1,148 @@
+"""Where the nodes of a segmented bar sit, what is rigid between them, and how the bar moves at any place along it."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.prismatic_bars import PrismaticBar
+from headstock.reduction.components.segment_springs import end_flexibility, spring_stiffness
+
+# parts closer to each other than this share of a segment move as one: a spring between them would be absurdly stiff
+CLOSEST = 1e-4
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Station:
+    """A stretch of a bar that moves rigidly with one node: a segment's centre (no length), an end face, or rigid interfaces.
+
+    Attributes:
+        low: Where it begins along the bar [m].
+        high: Where it ends [m].
+        node: Index of its node.
+    """
+
+    low: float
+    high: float
+    node: int
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentChain:
+    """A bar as nodes: the segments' centres first, then one massless node for each rigid stretch that holds no centre.
+
+    Attributes:
+        bar: The bar.
+        material: Its material.
+        count: Number of segments.
+        places: ``(n, 3)`` node places in the component frame [m].
+        stations: In ascending order along the bar; springs run between neighbours.
+        tied: Segments whose centre lies in a rigid stretch that another node stands for: ``(segment, node)``.
+    """
+
+    bar: PrismaticBar
+    material: Material
+    count: int
+    places: FloatArray
+    stations: tuple[Station, ...]
+    tied: tuple[tuple[int, int], ...]
+
+
+def lay_out_chain(bar: PrismaticBar, material: Material, count: int, rigid_spans: Sequence[Span]) -> SegmentChain:
+    """Cut a bar into equal segments, and make what rigid interfaces and end faces cover rigid from edge to edge.
+
+    Args:
+        bar: The bar.
+        material: Its material.
+        count: Number of segments.
+        rigid_spans: Where rigid interfaces begin and end; those that touch become one rigid stretch. An end face is a span
+            without length, which gets a node of its own beyond half a segment's spring.
+    """
+    length = bar.length / count
+    places = [bar.low + (number + 0.5) * length for number in range(count)]
+    tied: list[tuple[int, int]] = []
+    stations: list[Station] = []
+    inside: set[int] = set()
+    for low, high in join_spans(rigid_spans, CLOSEST * length):
+        held = [i for i in range(count) if low - CLOSEST * length <= places[i] <= high + CLOSEST * length]
+        inside.update(held)
+        if held:
+            low, high = min(low, places[held[0]]), max(high, places[held[-1]])
+        else:
+            places.append(0.5 * (low + high))
+        node = held[0] if held else len(places) - 1
+        stations.append(Station(low, high, node))
+        tied += [(other, node) for other in held[1:]]
+    stations += [Station(places[i], places[i], i) for i in range(count) if i not in inside]
+    on_axis = np.tile(bar.center, (len(places), 1))
+    on_axis[:, bar.axis] = places
+    return SegmentChain(bar, material, count, on_axis, tuple(sorted(stations, key=lambda station: station.low)), tuple(tied))
+
+
+def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
+    """Ascending spans apart from each other that cover the same places."""
+    joined: list[Span] = []
+    for low, high in sorted(spans):
+        if joined and low <= joined[-1][1] + slack:
+            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def station_at(chain: SegmentChain, place: float) -> Station:
+    """The station nearest to a place along the bar."""
+    return min(chain.stations, key=lambda station: max(station.low - place, place - station.high))
+
+
+def chain_stiffness(chain: SegmentChain) -> FloatArray:
+    """Stiffness ``(6 n, 6 n)`` of the springs between neighbouring stations."""
+    size = 6 * len(chain.places)
+    stiffness = np.zeros((size, size))
+    for first, second in itertools.pairwise(chain.stations):
+        start, stop = _axis_point(chain, first.high), _axis_point(chain, second.low)
+        carry = np.zeros((12, size))
+        carry[:6, _dofs(first.node)] = rigid_transfer(chain.places[first.node], start)
+        carry[6:, _dofs(second.node)] = rigid_transfer(chain.places[second.node], stop)
+        touched = [*range(*_dofs(first.node).indices(size)), *range(*_dofs(second.node).indices(size))]
+        part = carry[:, touched]
+        stiffness[np.ix_(touched, touched)] += part.T @ spring_stiffness(chain.bar, chain.material, start, stop) @ part
+    return stiffness
+
+
+def section_motion(chain: SegmentChain, place: float) -> FloatArray:
+    """Motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per unit node dof.
+
+    Between stations it is that of the beam loaded at its ends, before the first and after the last one it is rigid.
+    """
+    here = _axis_point(chain, place)
+    motion = np.zeros((6, 6 * len(chain.places)))
+    nearest = station_at(chain, place)
+    if nearest.low <= place <= nearest.high or place < chain.stations[0].low or place > chain.stations[-1].high:
+        motion[:, _dofs(nearest.node)] = rigid_transfer(chain.places[nearest.node], here)
+        return motion
+    second = next(i for i, station in enumerate(chain.stations) if station.low > place)
+    before, after = chain.stations[second - 1], chain.stations[second]
+    start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
+    # the end force at `stop`, carried to here, bends what lies between `start` and here
+    end_force = spring_stiffness(chain.bar, chain.material, start, stop)[6:]
+    bent = end_flexibility(chain.bar, chain.material, place - before.high) @ rigid_transfer(here, stop).T @ end_force
+    bent[:, :6] += rigid_transfer(start, here)
+    motion[:, _dofs(before.node)] += bent[:, :6] @ rigid_transfer(chain.places[before.node], start)
+    motion[:, _dofs(after.node)] += bent[:, 6:] @ rigid_transfer(chain.places[after.node], stop)
+    return motion
+
+
+def _axis_point(chain: SegmentChain, place: float) -> FloatArray:
+    point = np.array(chain.bar.center)
+    point[chain.bar.axis] = place
+    return point
+
+
+def _dofs(node: int) -> slice:
+    return slice(6 * node, 6 * node + 6)

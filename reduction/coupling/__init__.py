@@ -1,0 +1,1 @@
+"""Superelements and joints in a pose to one system, and its slopes. Never how a superelement was made."""

@@ -1,0 +1,188 @@
+"""Superelements and joints of a machine in one pose, coupled to one second-order system."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.reduction.coupling.coupling_memo import CouplingMemo
+from headstock.reduction.coupling.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
+from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
+from headstock.reduction.coupling.graded_springs import grade_springs
+from headstock.reduction.coupling.joint_springs import JointSpring, connected_groups, place_joints, reduce_spring
+from headstock.reduction.coupling.matrices import (
+    ComponentMatrices,
+    component_matrices,
+    sum_damping,
+    sum_hysteretic,
+    sum_mass,
+    sum_stiffness,
+)
+from headstock.reduction.coupling.ports import machine_loads, machine_ports
+from headstock.reduction.superelement import Superelement
+from headstock.solvers.second_order import SecondOrderSystem
+
+LOCAL_SHARE = 0.99
+LOOSE_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledMachine:
+    """A machine in one pose as a second-order system.
+
+    Attributes:
+        system: What the analyses take; inputs and outputs for every interface (``"column.top"``, motion in machine axes) and
+            every point (``"tcp"``, tool relative to work at the tool).
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        layout: Where each component's dofs sit in the stacked vector.
+        matrices: Matrices of each component in machine axes, for energies.
+        joint_springs: Joints with their rows in free coordinates ``(6, n)``.
+        loads: Load name to generalised load ``(n,)``.
+        floating: Groups of components that no joint or support connects to ground.
+        redundant_constraints: Number of held motions that others already hold.
+        warnings: For the user.
+    """
+
+    system: SecondOrderSystem
+    basis: FloatArray
+    layout: DofLayout
+    matrices: ComponentMatrices
+    joint_springs: tuple[JointSpring, ...]
+    loads: dict[str, FloatArray]
+    floating: tuple[tuple[str, ...], ...]
+    redundant_constraints: int
+    warnings: tuple[str, ...]
+
+    @property
+    def offsets(self) -> dict[str, slice]:
+        """Slice of each component in the stacked vector."""
+        return self.layout.offsets
+
+    @property
+    def placements(self) -> Mapping[str, Frame]:
+        """Frame of each component in the machine frame."""
+        return self.layout.placements
+
+
+def couple(
+    superelements: Mapping[str, Superelement],
+    machine: Machine,
+    pose: Pose,
+    *,
+    gravity: FloatArray | None = None,
+    memo: CouplingMemo | None = None,
+) -> CoupledMachine:
+    """Place the superelements in a pose and tie them together at the joints.
+
+    Held joint dofs and superelement constraints are eliminated by an orthonormal null space; joint stiffness acts between
+    the two ends carried to the joint point by rigid levers. Where springs differ by more than 1e4 the stiff relative motions
+    become coordinates of their own, so that no digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
+
+    Args:
+        superelements: By component name.
+        machine: Its joints, points, axes, loads and placements.
+        pose: Axis positions.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or None.
+        memo: What the poses of a sweep share; the result is the same without.
+
+    Raises:
+        ModelError: A joint, point or load names what does not exist, or a joint matrix is not finite.
+        AccuracyError: A component resists rigid motions without being marked as supported.
+        ValueError: The pose names an unknown axis or leaves its limits.
+    """
+    memo = memo or CouplingMemo()
+    placements = place_components(machine, pose)
+    layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
+    matrices = component_matrices(layout, memo)
+    springs = place_joints(machine, layout)
+    constraints, sources = _constraint_rows(layout, springs)
+    grading = grade_springs(springs, layout, matrices.stiffnesses)
+    elimination = eliminate_constraints(constraints, grading.group_rows(springs), scale_dofs(layout))
+    reduced = tuple(reduce_spring(spring, elimination) for spring in springs)
+    basis = elimination.basis
+    floating = connected_groups(machine, {name: part.supported for name, part in superelements.items()})
+    ports = machine_ports(layout, machine, basis, memo.ports)
+    return CoupledMachine(
+        system=SecondOrderSystem(
+            mass=sum_mass(layout, matrices, basis, memo),
+            damping=sum_damping(layout, matrices, basis, reduced),
+            stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
+            inputs=ports,
+            outputs=ports,
+            labels=memo.recall("labels", (basis, *superelements.values()), lambda: _label_coordinates(layout, basis)),
+            hysteretic=sum_hysteretic(layout, matrices, elimination, reduced, grading, _loss_factors(machine, superelements)),
+        ),
+        basis=basis,
+        layout=layout,
+        matrices=matrices,
+        joint_springs=reduced,
+        loads=machine_loads(layout, machine, matrices, basis, gravity),
+        floating=floating,
+        redundant_constraints=len(elimination.redundant),
+        warnings=grading.warnings + _redundancy_warnings(elimination, sources) + _floating_warnings(floating, machine),
+    )
+
+
+def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -> dict[str, float]:
+    """Loss factor of every component and joint."""
+    parts = {name: machine.components[name].material.loss_factor for name in superelements}
+    return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
+
+
+def _constraint_rows(layout: DofLayout, springs: tuple[JointSpring, ...]) -> tuple[FloatArray, tuple[str, ...]]:
+    """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first: joints count as redundant.
+
+    A dof of an interface that its component does not feel (the rotation of a line about itself) is held only if no joint
+    touches it: otherwise it follows what it is joined to.
+    """
+    rows: list[FloatArray] = [np.zeros((0, layout.size))]
+    sources: list[str] = []
+    acting = [row for spring in springs for row in (*spring.rows[list(spring.held)], *(spring.stiffness @ spring.rows))]
+    joined = np.array(acting).reshape(len(acting), layout.size)
+    for name, superelement in layout.superelements.items():
+        felt, loose = split_constraints(superelement)
+        turn = turn_dofs(superelement, layout.placements[name])
+        touched = np.any(np.abs(joined[:, layout.offsets[name]] @ (loose @ turn).T) > LOOSE_TOLERANCE, axis=0)
+        own = np.vstack([felt, loose[~touched]]) @ turn
+        block = np.zeros((len(own), layout.size))
+        block[:, layout.offsets[name]] = own
+        rows.append(block)
+        sources += [f"component {name}"] * len(own)
+    for spring in springs:
+        rows.append(spring.rows[list(spring.held)])
+        sources += [f"joint {spring.name}"] * len(spring.held)
+    return np.vstack(rows), tuple(sources)
+
+
+def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:
+    """Each coordinate by the stacked dof it moves most; ``~`` where it moves others too."""
+    if not layout.size:
+        # supports hold every component, none has an interface, and no mode is kept
+        return ()
+    names = label_dofs(layout)
+    weights = (basis / scale_dofs(layout)[:, None]) ** 2
+    totals = weights.sum(axis=0)
+    return tuple(
+        names[int(row)] + ("" if weights[row, column] >= LOCAL_SHARE * totals[column] else " ~")
+        for column, row in enumerate(np.argmax(np.round(weights / np.maximum(totals, np.finfo(float).tiny), 9), axis=0))
+    )
+
+
+def _redundancy_warnings(elimination: Elimination, sources: tuple[str, ...]) -> tuple[str, ...]:
+    if not elimination.redundant:
+        return ()
+    names = sorted({sources[row] for row in elimination.redundant})
+    return (
+        f"{len(elimination.redundant)} held motion(s) are held more than once ({', '.join(names)}): "
+        "the machine moves as described, but how the joints share the forces is not unique",
+    )
+
+
+def _floating_warnings(floating: tuple[tuple[str, ...], ...], machine: Machine) -> tuple[str, ...]:
+    return tuple(
+        f"{' + '.join(group)} float(s): no joint or support connects to ground"
+        for group in floating
+        if not all(machine.components[name].free for name in group)
+    )

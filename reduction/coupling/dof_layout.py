@@ -1,0 +1,222 @@
+"""Where every component's dofs sit in the stacked vector of a machine, and how points on the components move with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
+from headstock.geometry.machine.joints import JointEnd
+from headstock.reduction.rails import carriage_rows
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import rigid_motions, rotation_dofs
+from headstock.solvers.errors import AccuracyError, ModelError
+
+RIGID_NOISE_LIMIT = 1e-8
+FELT_TOLERANCE = 1e-9
+LOOSE_LEVEL = 1e-14
+DOFS_OF_A_BODY = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DofLayout:
+    """The stacked dofs of all components, boundary dofs turned to machine axes.
+
+    Attributes:
+        superelements: By component name.
+        placements: Frame of each component in the machine frame.
+        offsets: Slice of each component in the stacked vector.
+        size: Number of stacked dofs.
+        length: Characteristic length of the machine [m]: makes rotations comparable to translations.
+    """
+
+    superelements: Mapping[str, Superelement]
+    placements: Mapping[str, Frame]
+    offsets: dict[str, slice]
+    size: int
+    length: float
+
+
+def lay_out_dofs(superelements: Mapping[str, Superelement], placements: Mapping[str, Frame]) -> DofLayout:
+    """Stack the dofs of all superelements in the order given."""
+    offsets: dict[str, slice] = {}
+    size = 0
+    positions = []
+    for name, superelement in superelements.items():
+        offsets[name] = slice(size, size + len(superelement.labels))
+        size += len(superelement.labels)
+        places = [frame.origin for frame in superelement.frames]
+        places += [attachment.frame.origin for attachment in superelement.attachments.values()]
+        places += [station.point for station in superelement.stations]
+        positions += [placements[name].origin + placements[name].rotation @ place for place in places]
+    spread = np.array(positions) - np.mean(positions, axis=0) if positions else np.zeros((1, 3))
+    # the largest distance from the middle does not change when the machine is turned or shifted
+    length = float(np.linalg.norm(spread, axis=1).max())
+    return DofLayout(superelements, placements, offsets, size, length if length > 0.0 else 1.0)
+
+
+def scale_dofs(layout: DofLayout) -> FloatArray:
+    """Factor per stacked dof ``(n_all,)`` after which every dof is a length."""
+    scale = np.ones(layout.size)
+    for name, superelement in layout.superelements.items():
+        part = scale[layout.offsets[name]]
+        part[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / layout.length
+        part[superelement.boundary_size :] = np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+    return scale
+
+
+def label_dofs(layout: DofLayout) -> tuple[str, ...]:
+    """A name such as ``column.top rx`` per stacked dof."""
+    return tuple(
+        f"{name}.{place} {dof}" for name, superelement in layout.superelements.items() for place, dof in superelement.labels
+    )
+
+
+def turn_dofs(superelement: Superelement, placement: Frame) -> FloatArray:
+    """Matrix ``(n, n)`` from machine-axis dofs of one component to its own."""
+    turn = np.eye(len(superelement.labels))
+    back = rotate_dofs(placement.rotation.T)
+    for node in range(len(superelement.frames)):
+        turn[6 * node : 6 * node + 6, 6 * node : 6 * node + 6] = back
+    return turn
+
+
+def clean_stiffness(superelement: Superelement) -> FloatArray:
+    """Stiffness ``(n, n)`` of a component with rigid motions free of roundoff.
+
+    Static condensation leaves ``K R`` at roundoff of the *local* stiffness, which may be more than a soft mount. Rebuilding K
+    from its block without one boundary node makes ``K R = 0`` to roundoff of K itself; nothing else changes.
+
+    Raises:
+        AccuracyError: The change is more than roundoff: the component is not free although it is not marked as supported.
+    """
+    stiffness = 0.5 * (superelement.stiffness + superelement.stiffness.T)
+    if superelement.supported or not stiffness.any() or not superelement.frames:
+        return stiffness
+    if _has_loose_rotations(superelement, stiffness):
+        return stiffness
+    deformation = free_deformations(superelement)
+    cleaned = deformation.T @ stiffness[DOFS_OF_A_BODY:, DOFS_OF_A_BODY:] @ deformation
+    change = float(np.abs(cleaned - stiffness).max() / np.abs(stiffness).max())
+    if not change <= RIGID_NOISE_LIMIT:
+        raise AccuracyError(
+            f"component {superelement.name!r}: a rigid motion meets {change:.2g} of its stiffness, limit {RIGID_NOISE_LIMIT:g}; "
+            "mark the component as supported if it is held"
+        )
+    return np.asarray(0.5 * (cleaned + cleaned.T))
+
+
+def free_deformations(superelement: Superelement) -> FloatArray:
+    """Rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion that the first node makes."""
+    motions = rigid_motions(superelement, superelement.frames[0].origin)[DOFS_OF_A_BODY:]
+    return np.hstack([-motions, np.eye(len(motions))])
+
+
+def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArray]:
+    """Constraint rows of a superelement, and apart from them those that hold a rotation of one node that nothing feels.
+
+    Such a rotation, that of a line-like interface about its own line, is no motion of the component at all. A row that ties
+    one node to another is never taken for one.
+    """
+    rows = superelement.constraints
+    loose = _loose_rotations(superelement) if len(rows) else np.zeros((0, len(superelement.labels)))
+    if len(loose) == 0:
+        return rows, loose
+    rest = rows - (rows @ loose.T) @ loose
+    sizes = np.linalg.norm(rest, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+    return rest[sizes > FELT_TOLERANCE], loose
+
+
+def _loose_rotations(superelement: Superelement) -> FloatArray:
+    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows hold and neither K nor M feels."""
+    rows = superelement.constraints
+    span = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).max(), full_matrices=False)
+    projection = span.Vh[FELT_TOLERANCE * span.S[0] < span.S]
+    unseen = np.eye(3) - _rotation_products(superelement, projection)
+    for matrix in (superelement.stiffness, superelement.mass):
+        unseen = unseen + _rotation_products(superelement, matrix / (np.abs(matrix).max() or 1.0))
+    levels, vectors = np.linalg.eigh(unseen)
+    nodes, modes = np.nonzero(levels < LOOSE_LEVEL)
+    found = np.zeros((len(nodes), len(superelement.labels)))
+    for row, (node, mode) in enumerate(zip(nodes, modes, strict=True)):
+        found[row, 6 * node + 3 : 6 * node + 6] = vectors[node, :, mode]
+    return found
+
+
+def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArray:
+    """``R^T R`` for the columns ``(m, 3)`` of each node's rotations: ``(nodes, 3, 3)``."""
+    turns = rows[:, : superelement.node_size].reshape(len(rows), -1, 6)[:, :, 3:].transpose(1, 2, 0)
+    return np.asarray(turns @ turns.transpose(0, 2, 1))
+
+
+def _has_loose_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
+    """Whether a boundary dof of node 0 is felt by nothing, so that the node cannot stand for the body's rigid motion."""
+    first = np.abs(stiffness[:6]).max(axis=1)
+    return bool(len(superelement.constraints)) or bool(superelement.free_dofs) or bool((first == 0.0).any() and first.any())
+
+
+def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
+    """Position ``(3,)`` of an interface in the machine frame [m]."""
+    component, interface = _named_end(layout, end)
+    superelement, placement = layout.superelements[component], layout.placements[component]
+    rail = superelement.rails.get(interface)
+    place = superelement.attachments[interface].frame.origin if rail is None else rail.center
+    return np.asarray(placement.origin + placement.rotation @ place)
+
+
+def is_rail(layout: DofLayout, end: JointEnd) -> bool:
+    """Whether an end is an interface that carriages slide along."""
+    if end.component is None:
+        return False
+    component, interface = _named_end(layout, end)
+    return interface in layout.superelements[component].rails
+
+
+def motion_rows(layout: DofLayout, end: JointEnd, point: FloatArray, length: float | None = None) -> FloatArray:
+    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a point; zero for ground.
+
+    Args:
+        layout: The stacked dofs.
+        end: An interface, a rail or ground.
+        point: ``(3,)`` in the machine frame [m].
+        length: On a rail, of the carriage beside the point [m]; None for the mean motion of the whole rail.
+
+    Raises:
+        ModelError: The end names nothing, or a carriage does not lie on its rail.
+    """
+    rows = np.zeros((6, layout.size))
+    if end.component is None:
+        return rows
+    component, interface = _named_end(layout, end)
+    superelement, placement = layout.superelements[component], layout.placements[component]
+    if interface in superelement.rails:
+        rows[:, layout.offsets[component]] = _rail_rows(superelement, interface, placement, point, length)
+        return rows
+    node = superelement.attachments[interface].node
+    origin = placement.origin + placement.rotation @ superelement.frames[node].origin
+    first = layout.offsets[component].start + 6 * node
+    rows[:, first : first + 6] = rigid_transfer(origin, point)
+    return rows
+
+
+def _rail_rows(superelement: Superelement, interface: str, placement: Frame, point: FloatArray, length: float | None) -> FloatArray:
+    rail = superelement.rails[interface]
+    beside = np.array(rail.center)
+    if length is not None:
+        beside[rail.axis] = (placement.rotation.T @ (point - placement.origin))[rail.axis]
+    try:
+        own = carriage_rows(rail, float(beside[rail.axis]), rail.high - rail.low if length is None else length)
+    except ModelError as error:
+        raise ModelError(f"rail {superelement.name}.{interface}: {error}") from error
+    carried = rigid_transfer(placement.origin + placement.rotation @ beside, point) @ rotate_dofs(placement.rotation)
+    return np.asarray(carried @ own @ turn_dofs(superelement, placement))
+
+
+def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
+    if end.component is None or end.component not in layout.superelements:
+        raise ModelError(f"there is no component {end.component!r}; components: {sorted(layout.superelements)}")
+    superelement = layout.superelements[end.component]
+    known = [*superelement.attachments, *superelement.rails]
+    if end.interface is None or end.interface not in known:
+        raise ModelError(f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}")
+    return end.component, end.interface

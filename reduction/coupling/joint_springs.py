@@ -1,0 +1,209 @@
+"""Relative motion across joints, and the springs it stretches."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
+from headstock.geometry.machine.joints import Joint, JointEnd, ScrewShaft
+from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.dof_layout import DofLayout, is_rail, locate_interface, motion_rows
+from headstock.reduction.coupling.elimination import Elimination
+from headstock.reduction.coupling.screw_stiffness import place_screw
+from headstock.solvers.errors import ModelError
+
+ROUNDOFF = 4.0 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpring:
+    """A joint as placed in a pose.
+
+    Attributes:
+        name: Joint name.
+        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint point.
+        stiffness: ``(6, 6)`` in joint axes.
+        damping: ``(6, 6)`` in joint axes.
+        held: Joint dofs without relative motion.
+        frame: Joint point and joint axes in the machine frame.
+    """
+
+    name: str
+    rows: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    held: tuple[int, ...]
+    frame: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class SpringDirection:
+    """One principal direction of a joint's stiffness.
+
+    Attributes:
+        joint: Joint name.
+        dof: The joint dof it acts on most.
+        direction: ``(6,)`` combination of the joint's rows.
+        stiffness: [N/m or N m/rad] along it.
+        level: The same as a translational stiffness [N/m]: rotational ones over the characteristic length squared.
+    """
+
+    joint: str
+    dof: str
+    direction: FloatArray
+    stiffness: float
+    level: float
+
+
+def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSpring:
+    """Joint point, joint axes and relative-motion rows of a joint in a pose.
+
+    Raises:
+        ModelError: Both ends are ground, or a matrix is not 6x6 and finite.
+    """
+    for matrix, what in ((joint.stiffness, "stiffness"), (joint.damping, "damping")):
+        if np.shape(matrix) != (6, 6) or not np.isfinite(matrix).all():
+            raise ModelError(f"joint {joint.name!r}: its {what} must be a 6x6 matrix of finite numbers")
+    frame = _joint_frame(joint, machine, layout)
+    try:
+        first, second = (motion_rows(layout, end, frame.origin, joint.length) for end in joint.ends)
+    except ModelError as error:
+        raise ModelError(f"joint {joint.name!r}: {error}") from error
+    rows = rotate_dofs(frame.rotation).T @ (second - first)
+    spring = JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+    return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
+
+
+def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: JointSpring, layout: DofLayout) -> JointSpring:
+    """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the axial motion."""
+    axis = spring.frame.rotation[:, 0]
+    bearing = joint.ends[1] if shaft.reach is None else shaft.reach
+    distance = float(abs((spring.frame.origin - locate_interface(layout, bearing)) @ axis))
+    placed = place_screw(joint, shaft, distance)
+    rows = spring.rows
+    if shaft.far is not None:
+        near, far = (axis @ motion_rows(layout, end, spring.frame.origin)[:3] for end in (joint.ends[1], shaft.far))
+        rows = rows.copy()
+        rows[0] += placed.far_share * (far - near)
+    return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
+
+
+def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirection, ...]:
+    """Independent springs that together make up a joint's stiffness; directions without stiffness are left out.
+
+    Args:
+        spring: Its stiffness must be symmetric.
+        length: Characteristic length that makes rotations comparable to translations [m].
+    """
+    scale = np.repeat([1.0, 1.0 / length], 3)
+    scaled = spring.stiffness * scale * scale[:, None]
+    if np.count_nonzero(scaled - np.diag(scaled.diagonal())) == 0:
+        levels, vectors = scaled.diagonal(), np.eye(6)
+    else:
+        levels, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        levels = np.where(np.abs(levels) > 16.0 * np.finfo(float).eps * np.abs(levels).max(), levels, 0.0)
+    result = []
+    for level, vector in zip(levels, vectors.T, strict=True):
+        if level != 0.0:
+            main = int(np.argmax(np.abs(vector)))
+            # delta^T k delta = sum level (vector . delta / scale)^2
+            direction = vector * (scale[main] / scale)
+            result.append(SpringDirection(spring.name, DOF_NAMES[main], direction, level / scale[main] ** 2, level))
+    return tuple(result)
+
+
+def reduce_spring(spring: JointSpring, elimination: Elimination) -> JointSpring:
+    """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly zero."""
+    # a joint sees the dofs of two bodies only
+    seen = np.flatnonzero(spring.rows.any(axis=0))
+    own, basis = spring.rows[:, seen], elimination.basis[seen]
+    rows = own @ basis
+    rows[np.abs(rows) <= ROUNDOFF * (np.abs(own) @ np.abs(basis))] = 0.0
+    rows[list(spring.held)] = 0.0
+    return dataclasses.replace(spring, rows=rows)
+
+
+def place_joints(machine: Machine, layout: DofLayout) -> tuple[JointSpring, ...]:
+    """Every joint of a machine in a pose."""
+    return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
+
+
+def connected_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
+    """Groups of components that hang together by joints but not with ground.
+
+    Args:
+        machine: Its joints that hold or spring at least one dof connect.
+        held: Whether each component is itself supported.
+    """
+    parent = {name: name for name in ("", *machine.components)}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            name = parent[name]
+        return name
+
+    links = [(name, "") for name, is_held in held.items() if is_held]
+    links += [
+        (joint.ends[0].component or "", joint.ends[1].component or "") for joint in machine.joints.values() if _connects(joint)
+    ]
+    for first, second in links:
+        parent[root(first)] = root(second)
+    groups: dict[str, list[str]] = {}
+    for name in machine.components:
+        if root(name) != root(""):
+            groups.setdefault(root(name), []).append(name)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _connects(joint: Joint) -> bool:
+    return bool(joint.held) or bool(np.any(joint.stiffness))
+
+
+def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
+    """The joint frame, carried along by the component of its first end that is neither ground nor a rail.
+
+    Of a universal joint the first axis stays with the first end and the second with the second end, as those of a cross do.
+    """
+    end = _leading_end(joint, layout)
+    point = joint.point
+    if end.component is None:
+        if point is None:
+            raise ModelError(f"joint {joint.name!r}: ground has no place of its own; say where the joint is")
+        return Frame(point, joint.rotation)
+    if end.component not in layout.placements or end.component not in machine.components:
+        raise ModelError(f"joint {joint.name!r}: there is no component {end.component!r}; components: {sorted(machine.components)}")
+    home, now = machine.components[end.component].placement, layout.placements[end.component]
+    turn = _turn_of(end, machine, layout)
+    place = locate_interface(layout, end) if point is None else now.origin + turn @ (point - home.origin)
+    if joint.second_axis is None:
+        return Frame(place, turn @ joint.rotation)
+    first, second = (_turn_of(each, machine, layout) for each in joint.ends)
+    try:
+        return Frame(place, frame_axes(first @ joint.rotation[:, 0], second @ joint.second_axis))
+    except ValueError as error:
+        raise ModelError(f"joint {joint.name!r}: its two axes are parallel in this pose, and it can turn about one only") from error
+
+
+def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
+    """Rotation ``(3, 3)`` of the body behind an end since its axes and points were given; of a carried body all of it."""
+    if end.component is None:
+        return np.eye(3)
+    home, now = machine.components[end.component].placement, layout.placements[end.component]
+    return np.eye(3) if np.array_equal(now.rotation, home.rotation) else now.rotation @ home.rotation.T
+
+
+def _leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
+    """The end whose body carries the joint point: on a rail it is the carriage that does, not the rail."""
+    ends = [end for end in joint.ends if end.component is not None]
+    if not ends:
+        raise ModelError(f"joint {joint.name!r}: both of its ends are ground; name an interface of a component")
+    carriages = [end for end in joint.ends if not is_rail(layout, end)]
+    if joint.length is None:
+        if len(carriages) < len(joint.ends):
+            raise ModelError(f"joint {joint.name!r}: a carriage on a rail needs its length")
+        return ends[0]
+    if len(carriages) != 1:
+        raise ModelError(f"joint {joint.name!r}: a carriage needs one rail and one other end, not {len(carriages)} other ends")
+    return carriages[0]

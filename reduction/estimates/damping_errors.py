@@ -1,0 +1,159 @@
+"""How far damped modes are from those of finer meshes with every mode kept, from the first-order change of their poles."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.estimates.frequency_errors import truncated_parts
+from headstock.reduction.estimates.mesh_errors import SILENT_SHARE, meshed_parts, silent_energies
+from headstock.solvers.linear.damped_modes import DampedModes, pair_with_undamped
+from headstock.solvers.linear.symmetric_matrices_2 import is_symmetric
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+EQUAL = 1e-6  # of a pole: closer ones move together
+INTERACTING = 1.5  # condition number of a pole, 1 without damping, from which it and its neighbours push each other
+SEPARATE = 0.1  # of the distance to the next pole: interacting ones that move further may not be there at all
+CURVATURE = 4.0  # times shift over distance: what the second order adds to the first of an interacting pole
+SAFETY = 1.2  # and to that of any other
+
+
+@dataclass(frozen=True, eq=False)
+class DampingErrors:
+    """How far damped modes may be off, in the order of the undamped modes they belong to.
+
+    Attributes:
+        frequencies_hz: Of each damped frequency [Hz], zero where the mode is overdamped; None where nobody knows.
+        ratios: Of each damping ratio; None where nobody knows.
+        dampers: The joint or component that takes most of the energy; empty where no single one does.
+        creeping: Whether the mode does not oscillate.
+    """
+
+    frequencies_hz: tuple[float | None, ...]
+    ratios: tuple[float | None, ...]
+    dampers: tuple[str, ...]
+    creeping: tuple[bool, ...]
+
+
+def estimate_damping_errors(coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int) -> DampingErrors:
+    """How far the damped modes that belong to the first undamped ones may be off.
+
+    What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x / (x^T (2 s M + C) x)``. Modes left
+    out change it by ``-s^4 R(-s^2)`` (see ``Truncation``), finer meshes by less stiffness. Poles that damping brings close to one another
+    are ill-conditioned: where one moves by a tenth of the distance to the next, first-order changes say nothing, and a dashpot that
+    swallows every wave leaves poles that no finer model has.
+
+    Args:
+        coupled: The machine.
+        system: The same with its viscous damping.
+        damped: Its poles, those of the lowest undamped modes at least.
+        count: Number of undamped modes.
+
+    Source: Lancaster (1964), Numer. Math. 6, 377-387, for the derivative of a pole; Tisseur (2000), Linear Algebra Appl. 309, 339-361,
+        for its condition number.
+    """
+    pairs = pair_with_undamped(damped, count)
+    wanted = sorted({pole for pair in pairs for pole in pair if pole is not None})
+    changes = _StiffnessChanges(coupled)
+    shifts: dict[int, list[complex] | None] = dict.fromkeys(wanted)
+    if system.damping is None or is_symmetric(system.damping):
+        shifts = {pole: _shift_pole(system, damped, pole, changes) for pole in wanted}
+    hz, ratios, dampers = [], [], []
+    for first, second in pairs:
+        errors = _mode_errors(damped, first, second, shifts)
+        hz.append(errors[0])
+        ratios.append(errors[1])
+        dampers.append("" if first is None else _largest_damper(coupled, system, damped.shapes[:, first]))
+    creeping = tuple(first is not None and damped.frequencies_hz[first] == 0.0 for first, _ in pairs)
+    return DampingErrors(tuple(hz), tuple(ratios), tuple(dampers), creeping)
+
+
+class _StiffnessChanges:
+    """What the sources of error change of a machine's dynamic stiffness at a pole."""
+
+    def __init__(self, coupled: CoupledMachine) -> None:
+        self._coupled = coupled
+        self._truncated = truncated_parts(coupled).values()
+        self._meshed = meshed_parts(coupled).values()
+
+    def project(self, pole: complex, shapes: ComplexArray) -> list[ComplexArray] | None:
+        """``X^T dD X`` ``(k, k)`` for each source; None where a source is not known."""
+        square = -(pole**2)
+        if any(not abs(square) < part.truncation.limit for part in self._truncated) or self._is_silent(shapes):
+            return None
+        found: list[ComplexArray] = []
+        for part in self._truncated:
+            moments = part.truncation
+            seen = part.rows @ shapes
+            found.append(square**2 * (seen.T @ (moments.first + square / (1.0 - square / moments.limit) * moments.second) @ seen))
+        for mesh in self._meshed:
+            seen = mesh.rows @ shapes
+            found.append(seen.T @ mesh.energy @ seen)
+            if mesh.shape_stiffness is not None and mesh.shape_mass is not None:
+                found.append(seen.T @ (mesh.shape_stiffness - square * mesh.shape_mass) @ seen)
+        return found
+
+    def _is_silent(self, shapes: ComplexArray) -> bool:
+        parts = np.hstack([shapes.real, shapes.imag])
+        energy = np.einsum("im,ij,jm->", parts, self._coupled.system.stiffness, parts, optimize=True)
+        return bool(silent_energies(self._coupled, parts).sum() > SILENT_SHARE * energy)
+
+
+def _shift_pole(system: SecondOrderSystem, damped: DampedModes, index: int, changes: _StiffnessChanges) -> list[complex] | None:
+    """By how much each source of error moves a pole; None where that is not known."""
+    pole = complex(damped.poles[index])
+    every = np.concatenate([damped.poles, damped.poles[damped.poles.imag > 0.0].conj()])
+    distances = np.abs(every - pole)
+    # shapes of equal poles are any combination of one another: they are moved together
+    shapes = damped.shapes[:, distances[: len(damped.poles)] <= EQUAL * abs(pole)]
+    slope = shapes.T @ (2.0 * pole * (system.mass @ shapes) + (0.0 if system.damping is None else system.damping @ shapes))
+    projected = changes.project(pole, shapes)
+    if projected is None or not np.linalg.cond(slope) < 1.0 / EQUAL:
+        return None
+    moved = [np.linalg.eigvals(np.linalg.solve(slope, change)) for change in projected]
+    shifts = [complex(values[np.argmax(np.abs(values))]) for values in moved]
+    if 2.0 * abs(pole) * np.linalg.norm(np.linalg.inv(slope), 2) <= INTERACTING:
+        return shifts
+    share = sum(abs(shift) for shift in shifts) / distances[distances > EQUAL * abs(pole)].min(initial=np.inf)
+    return None if share > SEPARATE else [shift / (1.0 - CURVATURE * share) for shift in shifts]
+
+
+def _mode_errors(
+    damped: DampedModes, first: int | None, second: int | None, shifts: dict[int, list[complex] | None]
+) -> tuple[float | None, float | None]:
+    """Of a mode's damped frequency [Hz] and damping ratio."""
+    moved = None if first is None else shifts[first]
+    if first is None or moved is None:
+        return None, None
+    pole = complex(damped.poles[first])
+    if damped.frequencies_hz[first] > 0.0:
+        # zeta = -Re s / |s|, the cosine of an angle that a shift across the pole turns; one along the pole does so in the second order
+        across = sum(abs((shift * pole.conjugate()).imag) for shift in moved) * abs(pole.imag) / abs(pole) ** 3
+        along = 2.0 * abs(pole.real) * sum(abs(shift) for shift in moved) / abs(pole) ** 2
+        return SAFETY * sum(abs(shift.imag) for shift in moved) / (2.0 * np.pi), SAFETY * max(across, along)
+    other = None if second is None else shifts[second]
+    if second is None or other is None or not damped.poles[second].real * pole.real > 0.0:
+        return None, None
+    own, next_to = float(pole.real), float(damped.poles[second].real)
+    moves = (sum(abs(shift) for shift in moved) / abs(own), sum(abs(shift) for shift in other) / abs(next_to))
+    # the ratio depends on the quotient of both poles alone
+    quotient = math.sqrt(own / next_to)
+    return 0.0, SAFETY * 0.25 * abs(quotient - 1.0 / quotient) * sum(moves)
+
+
+def _largest_damper(coupled: CoupledMachine, system: SecondOrderSystem, shape: ComplexArray) -> str:
+    """The joint or component that takes more than half of the energy a damped motion loses; empty without one."""
+    if system.damping is None:
+        return ""
+
+    losses = {f"joint {spring.name}": _lost(spring.damping, spring.rows @ shape) for spring in coupled.joint_springs}
+    for name, matrix in coupled.matrices.dampings.items():
+        losses[f"component {name}"] = _lost(matrix, coupled.basis[coupled.offsets[name]] @ shape)
+    largest = max(losses, key=lambda name: losses[name], default="")
+    return largest if largest and losses[largest] > 0.5 * _lost(system.damping, shape) else ""
+
+
+def _lost(damping: FloatArray, motion: ComplexArray) -> float:
+    return float((motion.conj() @ damping @ motion).real)

@@ -1,0 +1,169 @@
+"""The dynamic stiffness of a coupled machine in a small trial space, and what meshes and the modes left out change of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.estimates.frequency_errors import TruncatedPart, new_directions
+from headstock.reduction.estimates.mesh_errors import MeshedPart
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+REACH = 2.0  # times the highest frequency: modes of the trial space; static responses stand for those above
+RESTING = 1e-6  # of the square of the lowest elastic frequency: at rest, where rigid motions are free
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSources:
+    """What makes the response of a machine differ from that of finer meshes with every mode kept.
+
+    Attributes:
+        truncated: Components that leave modes out.
+        meshed: Components whose mesh has an estimate.
+        loss_factors: By component, where they act in the system.
+    """
+
+    truncated: Mapping[str, TruncatedPart] = field(default_factory=dict)
+    meshed: Mapping[str, MeshedPart] = field(default_factory=dict)
+    loss_factors: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SystemChange:
+    """What is added to the stiffness ``(m, m)``, damping with it, and to the mass ``(m, m)`` of a system."""
+
+    stiffness: ComplexArray
+    mass: FloatArray
+
+
+class ResponseSpace:
+    """A damped system and its sources of error, in a trial space.
+
+    Attributes:
+        sources: Of error.
+        loads: ``(m, n_inputs)``.
+        rows: ``(n_outputs, m)``.
+        rest: Square of the angular frequency that counts as rest.
+        finer: What finer meshes change.
+        faces: What the parts' curved faces change, alone and together with finer meshes; empty where nothing is curved.
+    """
+
+    def __init__(
+        self, system: SecondOrderSystem, sources: ErrorSources, space: FloatArray, ports: tuple[FloatArray, FloatArray], rest: float
+    ) -> None:
+        self.sources, self.rest = sources, rest
+        self.loads: FloatArray = space.T @ ports[0]
+        self.rows: FloatArray = ports[1] @ space
+        self._stiffness = space.T @ system.stiffness @ space
+        self._hysteretic = None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        self._mass = space.T @ system.mass @ space
+        self._damping = None if system.damping is None else space.T @ system.damping @ space
+        lossy = {name: 1.0 + 1j * sources.loss_factors.get(name, 0.0) for name in (*sources.truncated, *sources.meshed)}
+        self._moments = []
+        for name, part in sources.truncated.items():
+            seen, moments = part.rows @ space, part.truncation
+            first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
+            self._moments.append((first, second, moments.limit, lossy[name]))
+        missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
+        shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
+        for name, meshed in sources.meshed.items():
+            seen = meshed.rows @ space
+            missing += lossy[name] * (seen.T @ meshed.energy @ seen)
+            if meshed.shape_stiffness is not None and meshed.shape_mass is not None:
+                shape += lossy[name] * (seen.T @ meshed.shape_stiffness @ seen)
+                heavier += seen.T @ meshed.shape_mass @ seen
+        nothing = np.zeros_like(self._mass)
+        self.finer = SystemChange(-missing, nothing)
+        # finer meshes and true faces may act together or against each other
+        faces = (SystemChange(shape, heavier), SystemChange(shape - missing, heavier))
+        self.faces: tuple[SystemChange, ...] = faces if shape.any() or heavier.any() else ()
+
+    @property
+    def limit(self) -> float:
+        """Square of the angular frequency from which on modes are left out."""
+        return min((part.truncation.limit for part in self.sources.truncated.values()), default=np.inf)
+
+    def dynamic_stiffness(
+        self, squares: FloatArray, change: SystemChange | None = None, shares: FloatArray | float = 1.0
+    ) -> ComplexArray:
+        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``; structural damping does not act at rest.
+
+        Args:
+            squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
+            change: What is added, such as by finer meshes; None for nothing.
+            shares: ``(n_freq,)`` how much of it.
+        """
+        moving = (squares > 0.0)[:, None, None]
+        dynamic: ComplexArray = self._stiffness - np.where(moving, squares[:, None, None], self.rest) * self._mass + 0j
+        if self._hysteretic is not None:
+            dynamic += 1j * moving * self._hysteretic
+        if self._damping is not None:
+            dynamic += 1j * np.sqrt(squares)[:, None, None] * self._damping
+        if change is not None:
+            added = np.where(moving, change.stiffness, change.stiffness.real) - squares[:, None, None] * change.mass
+            dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
+        return dynamic
+
+    def squares(self, change: SystemChange | None = None) -> FloatArray:
+        """``omega^2`` of the undamped modes ``(m,)``, with a change or without."""
+        stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
+        mass = self._mass if change is None else self._mass + change.mass
+        return np.asarray(eigh(stiffness, mass, eigvals_only=True))
+
+    def softening(self, hz: float) -> float:
+        """Where the mode nearest to a frequency lies with finer meshes, over where it lies now."""
+        now, then = self.squares(), self.squares(self.finer)
+        mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
+        return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0
+
+    def participations(self, squares: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``."""
+        shape = (len(squares), *self._mass.shape)
+        least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
+        column = squares[:, None, None]
+        for first, second, limit, lossy in self._moments:
+            least += column**2 / lossy * (first + column / lossy * second)
+            most += column**2 / lossy * (first + column / lossy / (1.0 - column / limit) * second)
+        return least, most
+
+
+def project_response(
+    system: SecondOrderSystem, sources: ErrorSources, modes: ModalResult, ports: tuple[FloatArray, FloatArray], highest_hz: float
+) -> ResponseSpace:
+    """Bring a machine into the space of its modes, of static responses at its ports and of the first corrections of its modes.
+
+    Args:
+        system: The coupled machine with its damping.
+        sources: Of error.
+        modes: All its undamped modes.
+        ports: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
+        highest_hz: Up to where it will be asked.
+    """
+    elastic = modes.frequencies_hz[modes.rigid_count :]
+    shift = (2.0 * np.pi * float(elastic[0])) ** 2 if modes.rigid_count and len(elastic) else 0.0
+    space = _trial_space(system, sources.truncated, modes, (np.hstack([ports[0], ports[1].T]), highest_hz, shift))
+    return ResponseSpace(system, sources, space, ports, RESTING * shift)
+
+
+def _trial_space(
+    system: SecondOrderSystem,
+    parts: Mapping[str, TruncatedPart],
+    modes: ModalResult,
+    wanted: tuple[FloatArray, float, float],
+) -> FloatArray:
+    """M-orthonormal directions ``(n, m)`` in which the response and its change are sought."""
+    pushes, highest_hz, shift = wanted
+    count = max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")))
+    shapes = modes.shapes[:, :count]
+    near = shapes[:, : max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")))]
+    pushed = (
+        [np.sum([part.rows.T @ (part.truncation.first @ (part.rows @ near)) for part in parts.values()], axis=0)] if parts else []
+    )
+    try:
+        factor = cho_factor(system.stiffness + shift * system.mass)
+    except np.linalg.LinAlgError:
+        return shapes
+    return np.hstack([shapes, new_directions(cho_solve(factor, np.hstack([pushes, *pushed])), shapes, system.mass)])

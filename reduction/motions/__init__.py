@@ -1,0 +1,1 @@
+"""What a motion of the machine means: budgets, names, fields, free motions. Never its errors."""

@@ -1,0 +1,97 @@
+"""How bodies move at the same places whatever they are made of: modes of different models of a machine become comparable."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.superelement import Superelement
+
+POINTS_PER_EDGE = 4
+NEIGHBOURS = 48  # more than one section of a regular mesh holds
+NEARNESS_POWER = 4
+SOFTENING = 0.01  # keeps the weight of a point that is met finite
+SMALLEST_MOMENT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPlaces:
+    """Places in a body that stand for its mass.
+
+    Attributes:
+        points: ``(k, 3)`` in the component frame [m].
+        masses: ``(k,)`` mass of each [kg]; together they have the body's mass, centre and inertia.
+    """
+
+    points: FloatArray
+    masses: FloatArray
+
+
+def choose_places(superelement: Superelement) -> BodyPlaces:
+    """Gauss points of the block of equal mass, centre and inertia: exact for rigid motions, and enough of them to see bending."""
+    mass = superelement.mass_kg
+    if not mass > 0.0:
+        return BodyPlaces(np.zeros((0, 3)), np.zeros(0))
+    moments, axes = np.linalg.eigh(superelement.inertia / mass)
+    half = 0.5 * np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments), SMALLEST_MOMENT * max(1.0, moments.sum())))
+    nodes, weights = np.polynomial.legendre.leggauss(POINTS_PER_EDGE)
+    grid = np.array(list(itertools.product(nodes, repeat=3)))
+    shares = np.prod(list(itertools.product(0.5 * weights, repeat=3)), axis=1)
+    return BodyPlaces(superelement.center_of_mass + (grid * half) @ axes.T, mass * shares)
+
+
+def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
+    """Displacement ``(3 k, n)`` of places ``(k, 3)`` in a component per unit dof, component axes.
+
+    Recovered displacements nearby are fitted by a linear field, which gives rigid motions and plane sections exactly; without
+    them the boundary nodes carry the places, weighted by their nearness.
+
+    Source: Lancaster and Salkauskas (1981), moving least squares; Shepard (1968).
+    """
+    if superelement.recovery is None or superelement.recovery_points is None:
+        return carried_motion(superelement, points)
+    known = superelement.recovery_points
+    count = min(NEIGHBOURS, len(known))
+    distances, neighbours = KDTree(known).query(points, k=count)
+    result = np.zeros((len(points), 3, len(superelement.labels)))
+    field = superelement.recovery.reshape(len(known), 3, -1)
+    for row, (distance, near) in enumerate(zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)):
+        reach = max(float(distance.max()), np.finfo(float).tiny)
+        arms = np.column_stack([np.ones(count), (known[near] - points[row]) / reach])
+        weights = 1.0 / (SOFTENING + (distance / reach) ** 2)
+        # the value of the fit at the place itself is its constant term
+        factors = np.linalg.pinv(arms * weights[:, None])[0] * weights
+        result[row] = np.tensordot(factors, field[near], axes=1)
+    return result.reshape(3 * len(points), -1)
+
+
+def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
+    """The same from the boundary nodes alone: each place takes their rigid motions, weighted by nearness (Shepard 1968)."""
+    result = np.zeros((3 * len(points), len(superelement.labels)))
+    distances = np.array([np.linalg.norm(points - frame.origin, axis=1) for frame in superelement.frames])
+    weights = 1.0 / np.maximum(distances, 1e-9) ** NEARNESS_POWER
+    for node, frame in enumerate(superelement.frames):
+        share = np.repeat(weights[node] / weights.sum(axis=0), 3)
+        result[:, 6 * node : 6 * node + 6] = share[:, None] * rigid_map(points, frame.origin)
+    return result
+
+
+def machine_field(coupled: CoupledMachine, places: Mapping[str, BodyPlaces], shapes: FloatArray) -> FloatArray:
+    """Motions ``(3 k, m)`` of all places in machine axes, each times the root of its mass, for shapes ``(n, m)``.
+
+    The scalar product of two columns is the kinetic energy they share, so mass-normalised modes have length one.
+    """
+    stacked = coupled.basis @ shapes
+    parts = []
+    for name, chosen in places.items():
+        superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
+        own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
+        moved = (place_motion(superelement, chosen.points) @ own).reshape(-1, 3, shapes.shape[1])
+        turned = np.einsum("ij,kjm->kim", placement.rotation, moved)
+        parts.append((np.sqrt(chosen.masses)[:, None, None] * turned).reshape(-1, shapes.shape[1]))
+    return np.vstack([np.zeros((0, shapes.shape[1])), *parts])

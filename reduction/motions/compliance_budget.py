@@ -1,0 +1,234 @@
+"""Compliance at a point of a machine, and which component or joint it comes from."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.motions.body_motions import join_names, rigid_dofs, split_number
+from headstock.reduction.motions.free_motions import free_motion_error
+from headstock.solvers.errors import AccuracyError, ModelError
+from headstock.solvers.linear.static_response import solve_balanced
+from headstock.solvers.linear.symmetric_matrices_2 import absolute_product
+
+BUDGET_LIMIT = 1e-9
+LARGEST_MISS = 1e-4  # of the work, whatever rounding may leave
+ROUNDOFF = 4.0 * float(np.finfo(float).eps)
+DIRECTIONS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class PointBudget:
+    """Compliance of the tool against the work, and its make-up.
+
+    Attributes:
+        compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes; NaN where the load does work on a
+            free motion of the machine, or the motion is part of one.
+        shares: For x, y and z the share of each component and joint in that direction's compliance; each sums to 1. Empty for
+            a direction in which nothing gives way.
+        displacements: ``(n, 6)`` responses to the unit loads; zero where there is none.
+        free: The machine has free motions that loads at the point do work on.
+    """
+
+    compliance: FloatArray
+    shares: dict[str, dict[str, float]]
+    displacements: FloatArray
+    free: bool = False
+
+
+@dataclass(frozen=True)
+class WeakLink:
+    """The component, joint or family of numbered joints with the largest share.
+
+    Attributes:
+        name: Its name, such as ``y_base`` or ``z_carriage_1..4``.
+        plural: It is a family of several.
+        direction: ``x``, ``y`` or ``z``.
+        share: Its share of the compliance.
+        change: Relative change of the compliance when its stiffness is doubled, recomputed.
+    """
+
+    name: str
+    direction: str
+    share: float
+    change: float
+    plural: bool = False
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name} {'give' if self.plural else 'gives'} {100.0 * self.share:.0f} % of the {self.direction} compliance; "
+            f"doubling {'their' if self.plural else 'its'} stiffness changes it by {100.0 * self.change:+.0f} %"
+        )
+
+
+def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
+    """Generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones on the work, machine axes.
+
+    Raises:
+        ModelError: There is no such point.
+    """
+    if (point, "x") not in coupled.system.inputs:
+        known = sorted({name for name, _ in coupled.system.inputs})
+        raise ModelError(f"there is no point {point!r}; points and interfaces: {known}")
+    return np.column_stack([coupled.system.inputs[point, dof] for dof in DOF_NAMES])
+
+
+def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
+    """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit load between them.
+
+    Raises:
+        ModelError: There is no such point, or every force there does work on a free motion of the machine.
+    """
+    return _solve_point(coupled, point)[0]
+
+
+def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
+    """Compliance at a point with the share of every component and joint by strain energy.
+
+    Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum over components and joints.
+
+    Raises:
+        ModelError: There is no such point, or every force there does work on a free motion of the machine.
+        AccuracyError: The energies do not add up to the work of the load.
+    """
+    compliance, displacements = _solve_point(coupled, point)
+    shares: dict[str, dict[str, float]] = {}
+    energies = strain_energies(coupled, displacements[:, : len(DIRECTIONS)])
+    for i, direction in enumerate(DIRECTIONS):
+        own = {name: float(values[i]) for name, values in energies.items()}
+        # a load that does work on a free motion has no answer, so nothing has a share in it
+        work = 0.5 * float(np.nan_to_num(compliance[i, i]))
+        shares[direction] = _shares(own, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}")
+    return PointBudget(compliance, shares, displacements, bool(np.isnan(compliance).any()))
+
+
+def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, FloatArray]:
+    """Compliance ``(6, 6)``, NaN where a free motion leaves it open, and displacements ``(n, 6)``."""
+    found = solve_balanced(coupled.system, point_loads(coupled, point))
+    if not found.balanced[: len(DIRECTIONS)].any():
+        raise free_motion_error(coupled)
+    rows = np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
+    known = found.determines(rows)[:, None] & found.balanced
+    return np.where(known, rows @ found.displacements, np.nan), found.displacements
+
+
+def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
+    """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n, m)``; rigid ones are left out."""
+    stacked = coupled.basis @ displacements
+    energies = {}
+    for name, stiffness in coupled.matrices.stiffnesses.items():
+        if stiffness.any():
+            own = _deformation(coupled, name, stacked[coupled.offsets[name]])
+            energies[name] = 0.5 * np.einsum("im,im->m", own, stiffness @ own)
+    for spring in coupled.joint_springs:
+        if np.any(spring.stiffness):
+            stretch = spring.rows @ displacements
+            energies[spring.name] = 0.5 * np.einsum("im,im->m", stretch, spring.stiffness @ stretch)
+    return energies
+
+
+def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
+    """A component's dofs less the rigid motion of its first node: strains nothing, and would only cost digits."""
+    superelement = coupled.layout.superelements[name]
+    if superelement.supported or not superelement.frames:
+        return own
+    placement = coupled.placements[name]
+    first = placement.origin + placement.rotation @ superelement.frames[0].origin
+    return np.asarray(own - rigid_dofs(coupled, name, first) @ own[:6])
+
+
+def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
+    """``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit angular frequency."""
+    stacked = coupled.basis @ shape
+    parts = {name: stacked[coupled.offsets[name]] for name in coupled.offsets}
+    return {name: 0.5 * float(own @ coupled.matrices.masses[name] @ own) for name, own in parts.items()}
+
+
+def energy_shares(coupled: CoupledMachine, shapes: FloatArray) -> tuple[tuple[dict[str, float], ...], tuple[dict[str, float], ...]]:
+    """Shares of strain energy (components and joints) and of kinetic energy (components) for each mode shape ``(n, m)``.
+
+    A rigid-body mode has no strain energy and an empty strain share.
+    """
+    strain, kinetic = [], []
+    table = strain_energies(coupled, shapes)
+    for number in range(shapes.shape[1]):
+        shape = shapes[:, number]
+        energies = {name: float(values[number]) for name, values in table.items()}
+        terms = 0.5 * float(np.abs(shape) @ absolute_product(coupled.system.stiffness, shape))
+        strained = sum(energies.values()) > len(shape) * np.finfo(float).eps * terms
+        strain.append(_normalised(energies) if strained else {})
+        kinetic.append(_normalised(kinetic_energies(coupled, shape)))
+    return tuple(strain), tuple(kinetic)
+
+
+def find_weakest_link(coupled: CoupledMachine, point: str, direction: str, budget: PointBudget | None = None) -> WeakLink | None:
+    """The part that gives most of the compliance in a direction, and what doubling its stiffness would change.
+
+    Joints and components whose names differ by a number only, such as the carriages of one guide, count as one part.
+
+    Args:
+        coupled: The machine.
+        point: A point's name.
+        direction: ``x``, ``y`` or ``z``.
+        budget: The point's budget where it is already known.
+
+    Returns:
+        None where nothing gives way in that direction, or one part alone.
+    """
+    budget = budget or point_budget(coupled, point)
+    shares = budget.shares[direction]
+    if len(shares) < 2:
+        return None
+    families: dict[str, list[str]] = {}
+    for name in sorted(shares):
+        families.setdefault(split_number(name)[0], []).append(name)
+    totals = {stem: sum(shares[name] for name in members) for stem, members in families.items()}
+    members = families[min(totals, key=lambda stem: (-round(totals[stem], 9), stem))]
+    axis = DIRECTIONS.index(direction)
+    load = coupled.system.inputs[point, direction]
+    row = coupled.system.outputs[point, direction]
+    stiffness = coupled.system.stiffness.copy()
+    for name in members:
+        _add_stiffness(stiffness, coupled, name)
+    stiffened = dataclasses.replace(coupled.system, stiffness=stiffness)
+    changed = float(row @ solve_balanced(stiffened, load[:, None]).displacements[:, 0])
+    change = changed / float(budget.compliance[axis, axis]) - 1.0
+    return WeakLink(join_names(members), direction, sum(shares[name] for name in members), change, len(members) > 1)
+
+
+def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> None:
+    """Add to a stiffness ``(n, n)`` what a component or joint adds to it."""
+    if name in coupled.matrices.stiffnesses:
+        rows, stiffness = coupled.basis[coupled.offsets[name]], coupled.matrices.stiffnesses[name]
+    else:
+        spring = next(spring for spring in coupled.joint_springs if spring.name == name)
+        rows, stiffness = spring.rows, spring.stiffness
+    seen = np.flatnonzero(rows.any(axis=0))
+    total[np.ix_(seen, seen)] += rows[:, seen].T @ stiffness @ rows[:, seen]
+
+
+def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
+    """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender machine parts move far and strain little."""
+    size = np.abs(displacement)
+    return ROUNDOFF * float(size @ absolute_product(coupled.system.stiffness, size))
+
+
+def _shares(energies: dict[str, float], work: float, roundoff: float, what: str) -> dict[str, float]:
+    """Energies over the work of the load, which they must add up to but for rounding."""
+    if not work > 0.0:
+        return {}
+    error = abs(sum(energies.values()) / work - 1.0)
+    limit = min(max(BUDGET_LIMIT, roundoff / work), LARGEST_MISS)
+    if not error <= limit:
+        raise AccuracyError(
+            f"compliance budget of {what}: the strain energies miss the work of the load by {error:.2g}, limit {limit:.2g}; "
+            "look for joint stiffnesses that differ by more than 14 decades"
+        )
+    return {name: energy / work for name, energy in energies.items()}
+
+
+def _normalised(energies: dict[str, float]) -> dict[str, float]:
+    total = sum(energies.values())
+    return {name: energy / total for name, energy in energies.items()} if total > 0.0 else {}

@@ -1,0 +1,214 @@
+"""A short name for every mode of a machine: what bends, what moves and on what."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.motions.body_motions import (
+    MOTION_NAMES,
+    BodyMotion,
+    center_of_mass,
+    join_names,
+    rigid_dofs,
+    split_motions,
+    split_number,
+)
+from headstock.reduction.motions.compliance_budget import energy_shares
+from headstock.reduction.motions.round_bodies import is_ball, name_around, name_on_ball, round_axis
+from headstock.solvers.linear.modal_analysis import ModalResult
+
+ELASTIC_SHARE = 0.3  # strain energy from which a component is said to deform
+MOVING_SHARE = 0.15  # kinetic energy from which a component is named as moving
+JOINT_SHARE = 0.2  # strain energy from which a joint, or a family of numbered ones, is named
+FAMILY_SHARE = 0.02
+RIGID_SHARE = 0.95  # kinetic energy that one rigid motion of the whole machine explains
+TWIST_SHARE = 0.8
+STRETCH_SHARE = 0.5
+SLENDER_RATIO = 0.5  # smallest over middle moment of inertia
+PARALLEL = 0.9
+SAMPLES = 600
+WHOLE_MACHINE = "whole machine"  # what moves where all bodies move as one
+SLICES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class NamedModes:
+    """Names and energy shares of modes, one entry per mode.
+
+    Attributes:
+        names: Such as ``column bends X, B rotation of y_base + y_slider on x_guide``.
+        strain_shares: Share of the strain energy per component and joint; empty for rigid-body modes.
+        kinetic_shares: Share of the kinetic energy per component.
+    """
+
+    names: tuple[str, ...]
+    strain_shares: tuple[dict[str, float], ...]
+    kinetic_shares: tuple[dict[str, float], ...]
+
+
+def name_modes(coupled: CoupledMachine, modal: ModalResult) -> NamedModes:
+    """Name the modes of a coupled machine by their energies.
+
+    X, Y, Z are translations and A, B, C rotations about machine axes, taken at the centre of mass of the body that has most
+    of the kinetic energy; a component bends, twists or stretches when it holds at least 30 % of the strain energy.
+    """
+    strain, kinetic = energy_shares(coupled, modal.shapes)
+    names = tuple(
+        _name_mode(coupled, modal.shapes[:, i], strain[i], kinetic[i], free=i < modal.rigid_count) for i in range(len(strain))
+    )
+    return NamedModes(names, strain, kinetic)
+
+
+def _name_mode(
+    coupled: CoupledMachine, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float], *, free: bool
+) -> str:
+    stacked = coupled.basis @ shape
+    motions = {motion.component: motion for motion in split_motions(coupled, stacked)}
+    whole, explained = _whole_motion(coupled, stacked)
+    joints = _main_joints({name: share for name, share in strain.items() if name not in motions})
+    if explained >= RIGID_SHARE and len(motions) > 1:
+        return f"{WHOLE_MACHINE} {'moves' if whole < 3 else 'turns'} {'XYZABC'[whole]}{' freely' if free else _on(joints)}"
+    moving = _moving_together(motions, kinetic)
+    if free:
+        return f"free {moving}"
+    bending = [name for name in _largest(strain, ELASTIC_SHARE) if name in motions]
+    parts = _deformations(coupled, [motions[name] for name in bending])
+    movers = _largest(kinetic, MOVING_SHARE)
+    if not parts or movers[:1] not in ([], bending[:1]):
+        parts.append(f"{moving}{_on(joints)}")
+    return ", ".join(parts)
+
+
+def _largest(shares: dict[str, float], limit: float) -> list[str]:
+    """Names with at least a share, largest first, equals by name."""
+    kept = [name for name, share in shares.items() if share >= limit]
+    return sorted(kept, key=lambda name: (-round(shares[name], 6), name))
+
+
+def _main_joints(shares: dict[str, float]) -> list[str]:
+    """Joints whose family (names that differ by a number only) has at least a fifth of the strain energy, largest first."""
+    families: dict[str, float] = {}
+    for name, share in shares.items():
+        stem = split_number(name)[0]
+        families[stem] = families.get(stem, 0.0) + share
+    order = _largest(families, JOINT_SHARE)
+    return [name for stem in order for name in sorted(shares) if split_number(name)[0] == stem and shares[name] >= FAMILY_SHARE]
+
+
+def _on(joints: Sequence[str]) -> str:
+    return f" on {join_names(joints)}" if joints else ""
+
+
+def _moving_together(motions: dict[str, BodyMotion], kinetic: dict[str, float]) -> str:
+    """The main motion of the body with most kinetic energy, and the bodies that share it."""
+    movers = _largest(kinetic, MOVING_SHARE) or _largest(kinetic, 0.0)[:1]
+    if not movers:
+        return "motion without mass"
+    main = motions[movers[0]].main
+    return f"{MOTION_NAMES[main]} of {join_names([name for name in movers if motions[name].main == main])}"
+
+
+def _whole_motion(coupled: CoupledMachine, stacked: FloatArray) -> tuple[int, float]:
+    """The main rigid motion of the machine as one body, and the share of the kinetic energy that such a motion explains."""
+    masses = {name: coupled.layout.superelements[name].mass_kg for name in coupled.offsets}
+    total = sum(masses.values())
+    if not total > 0.0:
+        return 0, 0.0
+    center = np.sum([mass * center_of_mass(coupled, name) for name, mass in masses.items()], axis=0) / total
+    gram, work, energy = np.zeros((6, 6)), np.zeros(6), 0.0
+    for name, place in coupled.offsets.items():
+        motions, mass = rigid_dofs(coupled, name, center), coupled.matrices.masses[name]
+        gram += motions.T @ mass @ motions
+        work += motions.T @ (mass @ stacked[place])
+        energy += float(stacked[place] @ mass @ stacked[place])
+    rigid = np.linalg.lstsq(gram, work, rcond=None)[0]
+    weights = gram.diagonal() * rigid**2
+    main = int(np.argmax(np.round(weights / max(float(weights.max()), np.finfo(float).tiny), 6)))
+    return main, float(rigid @ work) / energy if energy > 0.0 else 0.0
+
+
+def _deformations(coupled: CoupledMachine, motions: Sequence[BodyMotion]) -> list[str]:
+    """``column_left + column_right bend X``: components that deform alike together."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for motion in motions:
+        alike.setdefault(_deformation_words(coupled, motion), []).append(motion.component)
+    return [
+        " ".join([join_names(names), verb if len(names) > 1 else _third_person(verb), direction]).strip()
+        for (verb, direction), names in alike.items()
+    ]
+
+
+def _third_person(verb: str) -> str:
+    return f"{verb}es" if verb.endswith("ch") else f"{verb}s"
+
+
+def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:
+    """How a component deforms: ``bend X`` or, about and along the long axis of a slender one, ``twist C``, ``stretch Z``."""
+    places, field = _sample_field(coupled, motion)
+    sizes = (field**2).sum(axis=0)
+    if not sizes.sum() > 0.0:
+        return "deform", ""
+    superelement, rotation = coupled.layout.superelements[motion.component], coupled.placements[motion.component].rotation
+    moments, axes = np.linalg.eigh(superelement.inertia)
+    long = rotation @ axes[:, 0]
+    slender = moments[0] < SLENDER_RATIO * moments[1]
+    axis = int(np.argmax(np.round(np.abs(long), 6)))
+    if is_ball(moments, places):
+        return name_on_ball(places, field)
+    around = round_axis(moments, rotation @ axes, places)
+    if around is not None:
+        letter = int(np.argmax(np.round(np.abs(around), 6)))
+        named = name_around(around, places, field, letter, slender=bool(moments[2] - moments[1] < moments[1] - moments[0]))
+        if named is not None:
+            return named
+    if slender and _turning_share(long, places, field) > TWIST_SHARE:
+        return "twist", "ABC"[axis]
+    if slender and _stretching_share(long, places, field) > STRETCH_SHARE:
+        return "stretch", "XYZ"[axis]
+    if slender and abs(long[axis]) > PARALLEL:
+        sizes[axis] = 0.0  # what sections that turn move along a bending bar, which is much in a stout one
+    return "bend", "XYZ"[int(np.argmax(np.round(sizes / max(float(sizes.max()), np.finfo(float).tiny), 6)))]
+
+
+def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
+    """Share of a displacement field that turns its cross-sections about an axis: one angle per slice along it."""
+    turning = 0.0
+    order = np.argsort(places @ axis, kind="stable")
+    for slice_ in np.array_split(order, SLICES):
+        tangents = np.cross(axis, places[slice_])
+        tangents = tangents - tangents.mean(axis=0) if len(slice_) else tangents
+        size = float((tangents**2).sum())
+        if size > 0.0:
+            turning += float((field[slice_] * tangents).sum()) ** 2 / size
+    return turning / float((field**2).sum())
+
+
+def _stretching_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
+    """Share of a displacement field that moves its cross-sections along an axis as a whole: one shift per slice."""
+    order = np.argsort(places @ axis, kind="stable")
+    shifts = (field @ axis)[order]
+    whole = sum(float(slice_.sum()) ** 2 / max(1, len(slice_)) for slice_ in np.array_split(shifts, SLICES))
+    return whole / float((field**2).sum())
+
+
+def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:
+    """Places about the centre of mass and displacements there ``(n, 3)`` of a component's deformation, machine axes.
+
+    Mesh points where the recovery basis is kept, boundary nodes otherwise.
+    """
+    superelement, placement = coupled.layout.superelements[motion.component], coupled.placements[motion.component]
+    rotation = placement.rotation
+    if superelement.recovery is None or superelement.recovery_points is None:
+        origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)
+        field = motion.deformation[: superelement.boundary_size].reshape(-1, 6)[:, :3]
+        return (origins - superelement.center_of_mass) @ rotation.T, field
+    step = max(1, len(superelement.recovery_points) // SAMPLES)
+    chosen = np.arange(0, len(superelement.recovery_points), step)
+    rows = (3 * chosen[:, None] + np.arange(3)).ravel()
+    own = turn_dofs(superelement, placement) @ motion.deformation
+    field = (superelement.recovery[rows] @ own).reshape(-1, 3) @ rotation.T
+    return (superelement.recovery_points[chosen] - superelement.center_of_mass) @ rotation.T, field

@@ -1,0 +1,164 @@
+"""Checks of drives, of the effects that use them, and of what is asked of their control."""
+
+from headstock.scene.building.mechanism import is_lumped
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.connections import JointTable
+from headstock.scene.schema.drives import DriveTable
+from headstock.scene.schema.path import PathTable
+from headstock.scene.schema.scene import SceneTable
+
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = "drive_control", "friction", "screw_inertia", "cutting_force"
+
+
+def check_drives(scene: SceneTable, findings: Findings) -> None:
+    """Report every drive that cannot be built, and every effect or analysis that lacks one."""
+    joints: dict[str, str] = {}
+    for name, table in scene.drives.items():
+        joint = _check_joint(name, table, scene, findings)
+        if joint in joints:
+            findings.add(("drives", name), f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them")
+        if joint is not None:
+            joints[joint] = name
+        if table.scale is not None and table.scale not in scene.points:
+            hint = suggest_names(table.scale, scene.points, what="points")
+            findings.add(("drives", name, "scale"), f"unknown point {table.scale[:80]!r}; {hint}")
+    _check_effects(scene, findings)
+    _check_analysis(scene, findings)
+    _check_path(scene, findings)
+
+
+def driven_axis(name: str, table: DriveTable) -> str:
+    """The axis of a drive: its own name unless it says another."""
+    return table.axis or name
+
+
+def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
+    """Ball screws of a drive's axis, or the one it names."""
+    axis = scene.axes.get(driven_axis(name, table))
+    known = [] if axis is None else [joint for joint in axis.joint_names() if joint in scene.joints]
+    screws = [joint for joint in known if scene.joints[joint].kind == "ball_screw"]
+    return screws if table.joint is None else [joint for joint in screws if joint == table.joint]
+
+
+def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
+    key: KeyPath = ("drives", name)
+    axis_name = driven_axis(name, table)
+    axis = scene.axes.get(axis_name)
+    if axis is None:
+        hint = suggest_names(axis_name, scene.axes, what="axes")
+        place = (*key, "axis") if table.axis is not None else key
+        findings.add(place, f"unknown axis {axis_name[:80]!r}; {hint}")
+        return None
+    if axis.kind != "linear":
+        findings.add(key, f"axis {axis_name} is rotary; a drive moves a linear axis through a ball screw")
+        return None
+    screws = find_screws(name, table, scene)
+    if len(screws) != 1:
+        named = f"joint {table.joint!r:.80} is no ball screw of axis {axis_name}" if table.joint else ""
+        text = named or f"axis {axis_name} has {'several ball screws' if screws else 'no ball screw'} among its joints"
+        others = find_screws(name, table.model_copy(update={"joint": None}), scene)
+        remedy = f"; write joint = {' or '.join(repr(other) for other in others)}" if others else '; add one of kind = "ball_screw"'
+        findings.add((*key, "joint") if table.joint else key, text + remedy)
+        return None
+    _check_screw(key, table, screws[0], scene.joints[screws[0]], findings)
+    return screws[0]
+
+
+def _check_screw(key: KeyPath, table: DriveTable, name: str, joint: JointTable, findings: Findings) -> None:
+    if joint.stiffness.get("axial") == "rigid":
+        findings.add(
+            ("joints", name, "stiffness", "axial"),
+            f'drive {key[1]} pushes through it, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
+        )
+    screw = joint.screw
+    given = None if screw is None else screw.lead
+    if given is None and table.lead is None:
+        findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
+    if given is not None and table.lead is not None:
+        findings.add((*key, "lead"), f"joint {name} gives the lead of its screw; remove it here")
+    if screw is not None and screw.coupling is not None and table.coupling is not None:
+        findings.add((*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here")
+
+
+def _check_effects(scene: SceneTable, findings: Findings) -> None:
+    wanted = {effect for effect, value in scene.effects.items() if value is not False}
+    if DRIVE_CONTROL in wanted and not scene.drives:
+        findings.add(("effects", DRIVE_CONTROL), "there is no drive to control; describe one in [drives.NAME]")
+    for effect, has in (
+        (SCREW_INERTIA, any(table.screw_inertia is not None for table in scene.drives.values())),
+        (FRICTION, any(table.friction is not None for table in scene.drives.values())),
+    ):
+        if effect not in wanted:
+            continue
+        if DRIVE_CONTROL not in wanted:
+            findings.add(("effects", effect), f"{effect} is part of moving drives; switch drive_control on too")
+        elif not has:
+            findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
+
+
+def _check_path(scene: SceneTable, findings: Findings) -> None:
+    """Under control every axis that a path moves needs a drive."""
+    path = scene.analyses.path
+    if path is None:
+        if scene.effects.get(FRICTION, False) is not False:
+            findings.add(("effects", FRICTION), "friction acts in runs in time, and the scene asks for none; add [analyses.path]")
+        return
+    _check_cut(scene, path, findings)
+    if scene.effects.get(DRIVE_CONTROL, False) is False:
+        return
+    if path.lowpass is not None:
+        _check_sampling(scene, path.lowpass, "path", "lowpass", findings)
+    driven = {driven_axis(name, table) for name, table in scene.drives.items()}
+    for axis, end in path.to.items():
+        start = path.start.get(axis)
+        if axis in scene.axes and axis not in driven and (start is None or start.value != end.value):
+            findings.add_for(
+                "path",
+                ("analyses", "path", "to", axis),
+                f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]",
+            )
+
+
+def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
+    """The cut of a path, and the effect that needs it."""
+    key: KeyPath = ("analyses", "path", "cut")
+    cut = path.cut
+    if scene.mechanism is None and scene.effects.get(CUTTING_FORCE, False) is not False:
+        if cut is None:
+            findings.add(
+                ("effects", CUTTING_FORCE), "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material"
+            )
+        if scene.effects.get(DRIVE_CONTROL, False) is False:
+            findings.add(("effects", CUTTING_FORCE), "acts along paths of drives under control; switch drive_control on too")
+    if cut is None:
+        return
+    if cut.radial_depth > 0.5 * cut.mill.diameter:
+        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+    if cut.at is not None and cut.at not in scene.points:
+        findings.add((*key, "at"), f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}")
+    elif not scene.points:
+        findings.add(key, "there is no point where the tool could be; write [points]")
+
+
+def _check_analysis(scene: SceneTable, findings: Findings) -> None:
+    request = scene.analyses.control
+    if request is None:
+        return
+    if scene.effects.get(DRIVE_CONTROL, False) is False:
+        findings.add_for("control", ("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
+    if is_lumped(scene):
+        findings.add(("analyses", "control"), "a lumped mechanism has legs, not axes with drives; remove this analysis")
+    _check_sampling(scene, request.up_to, "control", "up_to", findings)
+
+
+def _check_sampling(scene: SceneTable, band: float, analysis: str, what: str, findings: Findings) -> None:
+    """Report drives that sample too slowly to show the band [Hz] of an analysis."""
+    for name, table in scene.drives.items():
+        if table.sampling is not None and 0.5 / table.sampling < band:
+            findings.add_for(
+                analysis,
+                ("drives", name, "sampling"),
+                f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
+                f"[analyses.{analysis}] asks for {band:.4g} Hz; sample faster or lower {what}",
+            )

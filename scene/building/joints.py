@@ -1,0 +1,237 @@
+"""What each kind of joint holds, frees and springs, and the 6x6 matrices its scene keys stand for."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
+from headstock.geometry.machine.joints import Joint, ScrewShaft
+from headstock.scene.reading.units import DAMPING, ROTATIONAL_DAMPING, ROTATIONAL_STIFFNESS, STIFFNESS, Quantity
+from headstock.scene.schema.connections import JointTable, ScrewTable
+
+RIGID = "rigid"
+SCREW_STEEL = (210e9, 0.3)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
+_DIMENSIONS = {
+    ("stiffness", False): STIFFNESS,
+    ("stiffness", True): ROTATIONAL_STIFFNESS,
+    ("damping", False): DAMPING,
+    ("damping", True): ROTATIONAL_DAMPING,
+}
+
+
+@dataclass(frozen=True)
+class JointKindRule:
+    """One kind of joint.
+
+    Attributes:
+        keys: Scene key to the joint dofs (0..5) it stands for; each dof belongs to one key.
+        required: Keys without which the joint means nothing.
+        held: Dofs that are always held.
+        axis_is: Joint axis that the scene's ``axis`` gives: ``x`` or ``z``.
+        needs_axis: The scene must give ``axis``.
+        needs_normal: The scene must give ``normal``.
+    """
+
+    keys: Mapping[str, tuple[int, ...]]
+    required: tuple[str, ...] = ()
+    held: tuple[int, ...] = ()
+    axis_is: str = "x"
+    needs_axis: bool = False
+    needs_normal: bool = False
+
+
+_DOFS: dict[str, tuple[int, ...]] = {name: (index,) for index, name in enumerate(DOF_NAMES)}
+
+
+def _ideal(*free: str, needs_axis: bool = True, needs_normal: bool = False) -> JointKindRule:
+    keys = {name: _DOFS[name] for name in free}
+    held = tuple(index for index, name in enumerate(DOF_NAMES) if name not in free)
+    return JointKindRule(keys, held=held, needs_axis=needs_axis, needs_normal=needs_normal)
+
+
+KINDS: dict[str, JointKindRule] = {
+    "rigid": _ideal(needs_axis=False),
+    "spring": JointKindRule(_DOFS),
+    "linear_guide": JointKindRule(
+        {"lateral": (1,), "normal": (2,), "roll": (3,), "pitch": (4,), "yaw": (5,)}, ("lateral", "normal"), needs_axis=True
+    ),
+    "ball_screw": JointKindRule({"axial": (0,), "torsion": (3,)}, ("axial",), needs_axis=True),
+    "bearing": JointKindRule({"axial": (0,), "radial": (1, 2), "torsion": (3,), "tilt": (4, 5)}, ("radial",), needs_axis=True),
+    "bolted": JointKindRule({"shear": (0, 1), "normal": (2,), "tilt": (3, 4), "torsion": (5,)}, ("normal", "shear"), axis_is="z"),
+    "mount": JointKindRule(
+        {"horizontal": (0, 1), "vertical": (2,), "tilt": (3, 4), "torsion": (5,)}, ("vertical", "horizontal"), axis_is="z"
+    ),
+    "revolute": _ideal("rx"),
+    "universal": _ideal("rx", "rz", needs_normal=True),
+    "spherical": _ideal("rx", "ry", "rz", needs_axis=False),
+    "prismatic": _ideal("x"),
+}
+
+
+@dataclass(frozen=True)
+class JointFault:
+    """A problem of a joint's table: the key below it and what to write."""
+
+    key: tuple[str, ...]
+    message: str
+
+
+@dataclass
+class _Faults:
+    found: list[JointFault] = field(default_factory=list)
+
+    def add(self, message: str, *key: str) -> None:
+        self.found.append(JointFault(key, message))
+
+
+def find_joint_faults(table: JointTable) -> list[JointFault]:
+    """Everything that is wrong with a joint apart from its ends."""
+    rule, faults = KINDS[table.kind], _Faults()
+    if rule.needs_axis and table.axis is None:
+        faults.add(f'a {table.kind} needs its axis; write axis = "x"')
+    if rule.needs_normal and table.normal is None:
+        faults.add(f'a {table.kind} needs its second axis; write normal = "z"')
+    try:
+        joint_rotation(table)
+    except ValueError:
+        faults.add("axis and normal are parallel; write two different directions", "normal")
+    for key in rule.required:
+        if key not in table.stiffness:
+            faults.add(f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}', "stiffness")
+    if table.kind == "spring" and not table.stiffness and not table.damping:
+        faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
+    if table.screw is not None:
+        _check_screw(table, faults)
+    if table.loss_factor and not any(isinstance(value, Quantity) for value in table.stiffness.values()):
+        faults.add("there is no stiffness that it could be a share of; remove it or give a stiffness", "loss_factor")
+    for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
+        for key, value in values.items():
+            _check_value(table, rule, part, key, value, faults)
+    return faults.found
+
+
+def _check_screw(table: JointTable, faults: _Faults) -> None:
+    if table.kind != "ball_screw":
+        faults.add(f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"', "screw")
+    if table.stiffness.get("axial") == RIGID:
+        faults.add(
+            'the nut of a screw with a shaft gives way; write its stiffness, such as axial = "500 N/um"', "stiffness", "axial"
+        )
+    if table.between[1].component is None:
+        faults.add("the second end is the interface that carries the screw's fixed bearing, not ground", "between")
+    far = None if table.screw is None else table.screw.far
+    if far is not None and far.component == table.between[0].component:
+        text = "is on the component of the first end, which is the nut's; name the nut's interface first and the bearing's second"
+        faults.add(text, "screw", "far")
+    if table.length is not None:
+        faults.add("the nut has a shaft of its own, so it slides on no rail; remove length or screw", "length")
+    nu = None if table.screw is None else table.screw.nu
+    if nu is not None and not -1.0 < nu < 0.5:
+        faults.add(f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3", "screw", "nu")
+
+
+def _check_value(table: JointTable, rule: JointKindRule, part: str, key: str, value: Quantity | str, faults: _Faults) -> None:
+    if key not in rule.keys:
+        known = ", ".join(rule.keys) or "none: it holds everything"
+        faults.add(f"a {table.kind} has no {part} {key!r}; keys: {known}", part, key)
+        return
+    if isinstance(value, str):
+        return
+    if part == "damping" and table.stiffness.get(key) == RIGID:
+        faults.add(f"{key} is rigid, so damping there does nothing; remove one of them", part, key)
+    rotational = rule.keys[key][0] >= 3
+    if rotational != value.dimension.name.startswith("rotational"):
+        dimension = _DIMENSIONS[part, rotational]
+        text = f'is a {value.dimension.name} but {key} needs a {dimension.name}; write for example "{dimension.example}"'
+        faults.add(text, part, key)
+    elif value.value < 0.0 and not table.allow_negative:
+        faults.add("is negative; if that is meant, write allow_negative = true in the joint", part, key)
+
+
+def joint_rotation(table: JointTable) -> FloatArray:
+    """Joint axes ``(3, 3)`` in the machine frame from the scene's ``axis`` and ``normal``.
+
+    Raises:
+        ValueError: The two directions are parallel.
+    """
+    axis = None if table.axis is None else np.array(table.axis)
+    normal = None if table.normal is None else np.array(table.normal)
+    if KINDS[table.kind].axis_is == "z":
+        if axis is None:
+            axis = np.array([0.0, 0.0, 1.0])
+        side = frame_axes(axis, normal)  # columns: axis, second, third: a right-handed turn puts the axis last
+        return np.column_stack([side[:, 1], side[:, 2], side[:, 0]]) if normal is None else frame_axes(_across(axis, normal), axis)
+    if axis is None:
+        if normal is None:
+            return np.eye(3)
+        axis = np.array([1.0, 0.0, 0.0])
+    return frame_axes(axis, normal)
+
+
+def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
+    return np.asarray(direction - (direction @ axis) * axis)
+
+
+def build_joint(name: str, table: JointTable) -> Joint:
+    """The joint a faultless table stands for."""
+    rule = KINDS[table.kind]
+    stiffness, damping = np.zeros((6, 6)), np.zeros((6, 6))
+    held = set(rule.held)
+    for key, value in table.stiffness.items():
+        for dof in rule.keys[key]:
+            if isinstance(value, Quantity):
+                stiffness[dof, dof] = value.value
+            else:
+                held.add(dof)
+    for key, quantity in table.damping.items():
+        for dof in rule.keys[key]:
+            damping[dof, dof] = 0.0 if dof in held else quantity.value
+    first, second = table.between
+    return Joint(
+        name=name,
+        ends=(first, second),
+        kind=table.kind,
+        rotation=joint_rotation(table),
+        held=tuple(sorted(held)),
+        stiffness=stiffness,
+        damping=damping,
+        point=None if table.at is None else np.array(table.at),
+        length=table.length,
+        screw=None if table.screw is None else build_shaft(table.screw),
+        loss_factor=table.loss_factor,
+        second_axis=np.array(table.normal) if table.kind == "universal" and table.normal is not None else None,
+    )
+
+
+def build_shaft(table: ScrewTable) -> ScrewShaft:
+    """The shaft of a ball screw, of steel unless the table says otherwise."""
+    modulus = SCREW_STEEL[0] if table.E is None else table.E
+    shear = modulus / (2.0 * (1.0 + (SCREW_STEEL[1] if table.nu is None else table.nu)))
+    return ScrewShaft(
+        axial=modulus * math.pi / 4.0 * (table.diameter**2 - table.bore**2),
+        torsional=shear * math.pi / 32.0 * (table.diameter**4 - table.bore**4),
+        lead=table.lead or 0.0,
+        bearing=table.bearing or math.inf,
+        coupling=table.coupling or math.inf,
+        reach=table.reach,
+        far=table.far,
+        far_bearing=table.far_bearing or math.inf,
+        length=table.length or math.inf,
+    )
+
+
+def tie_bearings(name: str, joint: Joint) -> Joint | None:
+    """The shaft of a screw as a tie between its two fixed bearings, whatever the nut does; None with a single one."""
+    shaft = joint.screw
+    if shaft is None or shaft.far is None:
+        return None
+    stiffness = np.zeros((6, 6))
+    stiffness[0, 0] = 1.0 / (1.0 / shaft.bearing + shaft.length / shaft.axial + 1.0 / shaft.far_bearing)
+    return Joint(name, (joint.ends[1], shaft.far), "spring", rotation=joint.rotation, stiffness=stiffness)
+
+
+def connects(joint: Joint) -> bool:
+    """Whether a joint transmits any force: something is held or sprung."""
+    return bool(joint.held) or bool(np.any(joint.stiffness))

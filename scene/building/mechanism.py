@@ -1,0 +1,177 @@
+"""Checks of a scene's mechanism: what it carries, its limits, and that it can take every pose."""
+
+import math
+from pathlib import Path
+
+from headstock.geometry.errors import PoseError
+from headstock.geometry.mechanisms.exechon_2 import LENGTHS, exechon_mechanism
+from headstock.geometry.mechanisms.mechanism import Mechanism
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
+from headstock.scene.building.mechanism_builder import FORCE_SUFFIXES, build_dimensions, build_mechanism
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING
+from headstock.scene.schema.mechanism import MechanismTable
+from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.schema_contouring import ContouringTable
+
+MAX_MAP_POSES = 40_000
+
+
+def is_lumped(scene: SceneTable) -> bool:
+    """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
+    return scene.mechanism is not None and scene.mechanism.model == "lumped"
+
+
+def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
+    """Report what is wrong with a mechanism and the poses it is to take."""
+    table = scene.mechanism
+    _check_stiffening(scene, findings)
+    _check_map(scene, findings)
+    _check_contouring(scene, folder, findings)
+    if table is None:
+        return
+    known = len(findings.problems)
+    if "orientation" in scene.model_fields_set:
+        findings.add(("orientation",), "a mechanism is set up by its own `at` and `rotate`; move orientation there")
+    mechanism = exechon_mechanism(build_dimensions(table.dimensions))
+    _check_carried(table, mechanism, scene, findings)
+    _check_limits(table, mechanism, findings)
+    for name in set(scene.axes) & set(TOOL_AXES):
+        findings.add(("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis")
+    _check_pose_units(scene, findings)
+    if complete and len(findings.problems) == known:
+        _check_reach(table, scene, findings)
+
+
+def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings) -> None:
+    seen: dict[str, str] = {}
+    for mark, names in table.carries.items():
+        if mark not in mechanism.marks:
+            hint = suggest_names(mark, mechanism.marks, what="bodies of the mechanism")
+            findings.add(("mechanism", "carries", mark), f"unknown body {mark!r}; {hint}")
+        for index, name in enumerate(names):
+            key = ("mechanism", "carries", mark, index)
+            if name not in scene.components:
+                findings.add(key, f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}")
+            if name in seen:
+                findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
+            seen[name] = mark
+    if is_lumped(scene):
+        for name in scene.loads:
+            findings.add(("loads", name), 'the lumped model takes no loads but gravity; remove it, or write model = "components"')
+        for name, point in scene.points.items():
+            if point.tool.component not in seen or point.work.component is not None:
+                findings.add(
+                    ("points", name),
+                    'the lumped model knows motions of carried components against ground only; write work = "ground"',
+                )
+
+
+def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Findings) -> None:
+    movable = (*mechanism.driven, *mechanism.passive)
+    for name, values in table.limits.items():
+        key = ("mechanism", "limits", name)
+        if name not in movable:
+            findings.add(key, f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}")
+            continue
+        wanted = LENGTH if name in LENGTHS else ANGLE
+        if any(value.dimension != wanted for value in values):
+            findings.add(key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"')
+        elif values[0].value >= values[1].value:
+            findings.add(key, "the lower limit must be below the upper one")
+
+
+def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
+    values: list[tuple[tuple[str | int, ...], str, Quantity]] = []
+    for pose, positions in scene.poses.items():
+        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
+    for sweep, table in scene.sweeps.items():
+        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
+    for key, axis, value in values:
+        wanted = LENGTH if axis in TOOL_POINT else ANGLE
+        if axis in TOOL_AXES and value.dimension != wanted:
+            findings.add(key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"')
+
+
+def _check_map(scene: SceneTable, findings: Findings) -> None:
+    request = scene.analyses.map
+    if request is None:
+        return
+    key = ("analyses", "map")
+    if not is_lumped(scene):
+        findings.add(key, "a map is made of a lumped mechanism; this scene has none")
+    sweep = scene.sweeps.get(request.sweep)
+    if sweep is None:
+        findings.add(
+            (*key, "sweep"), f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}"
+        )
+        return
+    counts = [span.positions for span in (sweep.axes or {}).values()]
+    if sum(count > 1 for count in counts) not in (2, 3):
+        findings.add((*key, "sweep"), "a map needs a sweep of axes in which two or three have more than one position")
+    elif math.prod(counts) > MAX_MAP_POSES:
+        findings.add((*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most")
+
+
+def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> None:
+    table = scene.analyses.contouring
+    if scene.mechanism is None:
+        along_path = {"cutting_force"} if scene.analyses.path is not None else set()
+        for name in (set(CONTOUR_EFFECTS) - along_path) & {name for name, value in scene.effects.items() if value}:
+            findings.add(("effects", name), "acts in [analyses.contouring] of a mechanism, and this scene has none; remove it")
+    if table is None:
+        return
+    _check_regeneration(scene, table, findings)
+    key = ("analyses", "contouring")
+    if not is_lumped(scene):
+        findings.add(key, "contours are run on a lumped mechanism; this scene has none")
+    cutting = bool(scene.effects.get("cutting_force"))
+    if (table.material is not None and table.forces is not None) or (cutting and table.material is None and table.forces is None):
+        findings.add(key, 'needs either the material that is cut, or forces = "measured.csv"')
+    if table.radial_depth > 0.5 * table.mill.diameter:
+        findings.add((*key, "radial_depth"), "is more than the radius of the tool; take less, or a larger tool")
+    if table.forces is not None:
+        try:
+            resolve_file(folder, table.forces, FORCE_SUFFIXES)
+        except ValueError as error:
+            findings.add((*key, "forces"), str(error))
+
+
+def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
+    if not scene.effects.get(GRAVITY_STIFFENING):
+        return
+    key = ("effects", GRAVITY_STIFFENING)
+    if not is_lumped(scene):
+        findings.add(key, "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it")
+    elif not scene.effects.get("gravity"):
+        findings.add(key, "comes from gravity; write [effects] gravity = true as well")
+
+
+def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
+    key = ("effects", "regeneration")
+    if not scene.effects.get("regeneration"):
+        return
+    if not scene.effects.get("cutting_force"):
+        findings.add(key, "acts through cutting forces; write [effects] cutting_force = true as well")
+    elif table.material is None:
+        findings.add(
+            key, "needs computed forces: measured ones hold it already; remove this, or write the material instead of forces"
+        )
+    elif table.model != "linear":
+        findings.add(key, 'is solved on the linear model; write model = "linear" in [analyses.contouring]')
+    elif table.steps_per_turn % table.mill.teeth:
+        findings.add(
+            ("analyses", "contouring", "steps_per_turn"),
+            f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
+        )
+
+
+def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:
+    mechanism = build_mechanism(table)
+    for name, positions in scene.poses.items():
+        try:
+            solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
+        except PoseError as error:
+            findings.add(("poses", name), f"cannot be taken: {error}")

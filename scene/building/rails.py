@@ -1,0 +1,164 @@
+"""Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
+
+import math
+
+from headstock.geometry.machine.carriages import LEAST_INTERVALS, Carriage, count_stations, place_carriages
+from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.machine.rail_spans import rail_span
+from headstock.geometry.parts.prismatic_bars import prismatic_bar
+from headstock.geometry.parts.solids import Solid
+from headstock.scene.building.components import build_interface
+from headstock.scene.building.names import is_known_end
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.components import ComponentTable, InterfaceTable
+from headstock.scene.schema.connections import JointTable
+from headstock.scene.schema.scene import SceneTable
+
+DEFAULT_INTERVALS = 2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
+SLACK = 1e-9
+
+Ends = dict[tuple[str, str], list[str]]
+
+
+def default_stations(span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS) -> int:
+    """Stations of a rail for a carriage of a length [m]."""
+    return count_stations(span[1] - span[0], length, intervals)
+
+
+def carriage_joints(scene: SceneTable) -> Ends:
+    """Joints on each rail of the scene, by component and interface."""
+    found: Ends = {
+        (name, key): [] for name, table in scene.components.items() for key, entry in table.interfaces.items() if entry.rail
+    }
+    for name, joint in scene.joints.items():
+        for end in joint.between:
+            if (end.component or "", end.interface or "") in found:
+                found[end.component or "", end.interface or ""].append(name)
+    return found
+
+
+def shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
+    """Length of the shortest carriage among joints [m]."""
+    lengths = [length for name in joints if (length := scene.joints[name].length) is not None]
+    return min(lengths, default=None)
+
+
+def choose_stations(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, dict[str, int]]:
+    """Stations of every rail by component and interface, from its length and the shortest carriage on it where both are known."""
+    found: dict[str, dict[str, int]] = {name: {} for name in scene.components}
+    for (component, name), joints in carriage_joints(scene).items():
+        span = _span_of(scene.components[component].interfaces[name], solids[component])
+        shortest = shortest_carriage(scene, joints)
+        if span is not None and shortest is not None:
+            found[component][name] = default_stations(span, shortest)
+    return found
+
+
+def check_rails(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+    """Report what is wrong with rails and with joints on them, apart from poses."""
+    riders = carriage_joints(scene)
+    for (component, name), joints in riders.items():
+        if component in solids:
+            _check_rail((component, name), scene, solids[component], joints, findings)
+    for name, joint in scene.joints.items():
+        rails = [end for end in joint.between if (end.component or "", end.interface or "") in riders]
+        if fault := _find_joint_fault(joint, rails, scene):
+            findings.add(("joints", name, *fault[0]), fault[1])
+
+
+def check_carriages(machine: Machine, poses: dict[str, Pose], findings: Findings) -> None:
+    """Report every carriage that hangs over the end of its rail in a pose of the scene."""
+    for name, pose in poses.items():
+        for carriage in place_carriages(machine, pose):
+            if carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0]):
+                key: KeyPath = ("poses", name) if pose.positions else ("joints", carriage.joint)
+                findings.add(key, describe_overhang(carriage))
+
+
+def describe_overhang(carriage: Carriage) -> str:
+    """Why a carriage cannot stand where it does, and what to do."""
+    low, high = carriage.span
+    return (
+        f"the carriage of joint {carriage.joint} ({_mm(carriage.length)} long) hangs {_mm(carriage.overhang)} over the end of rail "
+        f"{carriage.rail}: its middle stands at {_mm(carriage.place)}, the rail runs from {_mm(low)} to {_mm(high)}; keep its middle "
+        f"between {_mm(low + 0.5 * carriage.length)} and {_mm(high - 0.5 * carriage.length)}, or make the rail longer"
+    )
+
+
+def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints: list[str], findings: Findings) -> None:
+    component, name = place
+    table = scene.components[component].interfaces[name]
+    key: KeyPath = ("components", component, "interfaces", name, "rail")
+    if table.rail is None:
+        return
+    if crossing := [patch.face for patch in table.patch_tables() if patch.face[:1] == table.rail.along and patch.face[1:] in "-+"]:
+        findings.add(
+            key, f"face {crossing[0]} is square to {table.rail.along}, so no rail runs along it; write another face or along"
+        )
+        return
+    span, shortest = _span_of(table, solid), shortest_carriage(scene, joints)
+    if span is None and scene.components[component].fidelity != "elastic":
+        findings.add(key, "where the rail ends is not known without a mesh; write its area as a rect with centre and size")
+    if table.rail.stations is None and (span is None or shortest is None):
+        reason = "no carriage rides on it" if shortest is None else "its length is known only when it is meshed"
+        findings.add(
+            key, f'{reason}, so its stations must be given; write rail = {{ along = "{table.rail.along}", stations = 12 }}'
+        )
+    if span is None or shortest is None:
+        return
+    for joint in joints:
+        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (1.0 + SLACK):
+            text = f"the carriage ({_mm(length)}) is longer than rail {component}.{name} ({_mm(span[1] - span[0])})"
+            findings.add(("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter")
+    _warn_of_segments(key, scene.components[component], solid, shortest, findings)
+    least = default_stations(span, shortest, LEAST_INTERVALS)
+    if table.rail.stations is not None and table.rail.stations < least and scene.components[component].fidelity == "elastic":
+        findings.add(
+            (*key, "stations"),
+            f"{table.rail.stations} stations on {_mm(span[1] - span[0])} are too few for a carriage of {_mm(shortest)}, which would feel "
+            f"them pass; write at least {least}, better {default_stations(span, shortest)}, or leave stations away",
+        )
+
+
+def _warn_of_segments(key: KeyPath, table: ComponentTable, solid: Solid, shortest: float, findings: Findings) -> None:
+    """A segment gives way at its ends only: a carriage shorter than a segment feels them pass."""
+    if table.fidelity != "segmented":
+        return
+    try:
+        length = prismatic_bar(solid, table.segments.along).length
+    except ValueError:  # no bar: reported with its fidelity
+        return
+    if shortest < length / table.segments.count:
+        findings.warn(
+            key,
+            f"a carriage of {_mm(shortest)} is shorter than a segment of {_mm(length / table.segments.count)} and feels its ends pass; "
+            f"write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
+        )
+
+
+def _find_joint_fault(joint: JointTable, rails: list[JointEnd], scene: SceneTable) -> tuple[KeyPath, str] | None:
+    if len(rails) == 2:
+        return ("between",), "both ends are rails; one of them must be a fixed interface, that of the carriage"
+    # an interface from a file may be a rail, and so may one that did not pass the schema
+    known = all(is_known_end(end, scene) and not _is_from_file(end, scene) for end in joint.between)
+    if rails and joint.length is None:
+        return (), f'a carriage on rail {rails[0]} needs its length; write length = "80 mm"'
+    if not rails and joint.length is not None and known:
+        return ("length",), "only a carriage on a rail has a length; remove it, or give the interface it slides on a rail"
+    if rails and joint.at is None and any(end.component is None for end in joint.between):
+        return (), 'ground has no place of its own; write where the joint is: at = ["0 mm", "0 mm", "0 mm"]'
+    return None
+
+
+def _is_from_file(end: JointEnd, scene: SceneTable) -> bool:
+    return end.component is not None and scene.components[end.component].solid.superelement is not None
+
+
+def _span_of(table: InterfaceTable, solid: Solid) -> tuple[float, float] | None:
+    return rail_span(solid, build_interface("", table, solid))
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.6g} mm"

@@ -1,0 +1,105 @@
+"""From validated tables to sweeps, and what may be wrong with them."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from headstock.geometry.errors import PoseError
+from headstock.geometry.machine.carriages import place_carriages
+from headstock.geometry.machine.machine import Machine
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.scene.building.rails import SLACK, describe_overhang
+from headstock.scene.reading.axis_paths import AxisPath
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.connections import PoseTable
+from headstock.scene.schema.overrides import split_variant
+from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.schema_sweeps import MAX_SWEEP_POSES, SweepTable
+from headstock.scene.sweep_poses import Sweep, count_path, make_grid, make_list, make_path, sweep_pose
+
+OVERHANGS_TOLD = 3
+
+
+def axis_units(scene: SceneTable) -> dict[str, str]:
+    """``m`` or ``rad`` of every axis of a scene, those of a mechanism's tool among them."""
+    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in scene.axes.items()}
+    if scene.mechanism is not None:
+        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
+    return units
+
+
+def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
+    """The sweep a faultless table stands for, with the ways that were read from files."""
+    return dataclasses.replace(_build_poses(name, scene, paths), variant=scene.sweeps[name].variant)
+
+
+def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
+    table, units = scene.sweeps[name], axis_units(scene)
+    if table.axes is not None:
+        spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
+        return make_grid(name, units, spans)
+    if table.path is not None:
+        return make_path(name, units, _waypoints(name, scene, paths), *_step(table))
+    labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
+    places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()]
+    return make_list(name, units, [_values(place) for place in places], labels if all(labels) else [])
+
+
+def check_sweeps(scene: SceneTable, paths: Mapping[str, AxisPath], findings: Findings) -> None:
+    """Report sweeps that name unknown poses or have too many."""
+    for name, table in scene.sweeps.items():
+        for index, place in enumerate(table.poses or ()):
+            if isinstance(place, str) and place not in scene.poses:
+                hint = suggest_names(place, scene.poses, what="poses")
+                findings.add(("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}")
+        for variant in (part for part in split_variant(table.variant) if part not in scene.variants):
+            hint = suggest_names(variant, scene.variants, what="variants")
+            findings.add(("sweeps", name, "variant"), f"unknown variant {variant[:80]!r}; {hint}")
+        if (count := _count_poses(name, scene, paths)) > MAX_SWEEP_POSES:
+            key = "axes" if table.axes is not None else "step"
+            findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")
+
+
+def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) -> None:
+    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of each is named."""
+    told: set[str] = set()
+    for number in range(len(sweep.positions)):
+        pose = sweep_pose(sweep, number)
+        try:
+            carriages = place_carriages(machine, pose)
+        except PoseError:
+            continue  # out of the mechanism's reach: blank in the maps
+        for carriage in carriages:
+            over = carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0])
+            if over and carriage.joint not in told and len(told) < OVERHANGS_TOLD:
+                told.add(carriage.joint)
+                key: KeyPath = ("sweeps", sweep.name)
+                findings.add(key, f"in pose {pose.name} {describe_overhang(carriage)}")
+
+
+def _waypoints(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> list[dict[str, float]]:
+    """Corners of a path as the scene or its file has them; none where the file could not be read."""
+    path = scene.sweeps[name].path
+    if isinstance(path, str):
+        return paths[name].waypoints() if name in paths else []
+    return [_values(place) for place in path or ()]
+
+
+def _values(place: PoseTable) -> dict[str, float]:
+    return {axis: quantity.value for axis, quantity in place.items()}
+
+
+def _step(table: SweepTable) -> tuple[float, str]:
+    """Largest distance of poses and its unit; without one a path has no poses between its waypoints."""
+    return (math.inf, "m") if table.step is None else (table.step.value, table.step.dimension.unit)
+
+
+def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> int:
+    table = scene.sweeps[name]
+    if table.axes is not None:
+        return math.prod(span.positions for span in table.axes.values())
+    waypoints = _waypoints(name, scene, paths)
+    return count_path(axis_units(scene), waypoints, *_step(table)) if waypoints else len(table.poses or ())

@@ -1,0 +1,153 @@
+"""Reading scene files and finding the files they refer to, within bounds."""
+
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from headstock.scene.reading.findings import Findings, Origin
+from headstock.scene.reading.positions import KeyPath, find_lines
+
+MAX_BYTES = 1 << 20
+MAX_REFERENCED_BYTES = 4 << 30
+MAX_DEPTH = 50
+MAX_ENTRIES = 20_000
+_POSITION = " (at "
+# tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it sees them
+_DEEP_KEY = re.compile(rf"""(?<![\w.-])(?>(?>[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}""")
+
+
+def read_scene(path: Path, findings: Findings) -> dict[str, Any]:
+    """Parse a scene file; what keeps it from being read is raised at once, since nothing else can be said then.
+
+    Args:
+        path: A regular ``.toml`` file of at most 1 MiB.
+        findings: Receives lines and origins of the keys.
+
+    Returns:
+        The parsed tables.
+
+    Raises:
+        SceneError: Not such a file, not UTF-8, not TOML, a key twice, or nested too deeply.
+    """
+    text = _read_text(path, findings)
+    findings.lines = tuple(text.replace("\r\n", "\n").split("\n"))
+    if _DEEP_KEY.search(text):
+        findings.add_line(None, f"keys are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+        findings.raise_if_any()
+    if sum(text.count(sign) for sign in "=,[") > MAX_ENTRIES:
+        findings.add_line(None, f"holds more than {MAX_ENTRIES} entries; a scene holds no bulk data, refer to files instead")
+        findings.raise_if_any()
+    positions, repeated = find_lines(text.replace("\r\n", "\n"))
+    try:
+        raw = tomllib.loads(text)
+    except RecursionError:
+        findings.add_line(None, f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+    except (tomllib.TOMLDecodeError, ValueError) as error:
+        _report_syntax(str(error), positions, repeated, findings)
+    findings.raise_if_any()
+    if _depth(raw) > MAX_DEPTH:
+        findings.add_line(None, f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
+        findings.raise_if_any()
+    findings.origins = {key: Origin(line) for key, line in positions.items()}
+    return raw
+
+
+def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
+    """Find a file that a scene refers to, inside the scene's own folder.
+
+    Args:
+        folder: Folder of the scene.
+        text: Relative path as written.
+        suffixes: Endings that are accepted, lower case.
+
+    Returns:
+        The absolute path with every link resolved.
+
+    Raises:
+        ValueError: The path leaves the folder or is no regular file of an accepted kind; the message says what to write.
+    """
+    shown = text if len(text) <= 100 else f"{text[:97]}..."
+    if "\\" in text or ":" in text or text.startswith("~") or Path(text).is_absolute() or not text.strip():
+        raise ValueError(f"{shown!r} is not a path inside the scene's folder; write a relative path with / such as parts/bed.step")
+    if Path(text).suffix.lower() == ".geo":
+        raise ValueError(f"{shown!r} is a gmsh script, which can run commands; mesh it yourself and give the .msh")
+    if Path(text).suffix.lower() not in suffixes:
+        raise ValueError(f"{shown!r} does not end in {' or '.join(suffixes)}")
+    root = folder.resolve()
+    try:
+        path = (root / text).resolve()
+        found, regular = path.exists(), path.is_file()
+    except OSError as error:
+        raise ValueError(f"{shown!r} cannot be looked up: {error.strerror}") from error
+    if not path.is_relative_to(root):
+        raise ValueError(f"{shown!r} lies outside the scene's folder; copy the file next to the scene")
+    if not found:
+        raise ValueError(f"{shown!r} does not exist beside the scene")
+    if not regular:
+        raise ValueError(f"{shown!r} is not a regular file")
+    size = path.stat().st_size
+    if size > MAX_REFERENCED_BYTES:
+        raise ValueError(f"{shown!r} is larger than {MAX_REFERENCED_BYTES / 2**30:.3g} GiB: {size / 2**30:.3g} GiB")
+    return path
+
+
+def _read_text(path: Path, findings: Findings) -> str:
+    if path.suffix.lower() != ".toml":
+        findings.add_line(None, "a scene file ends in .toml")
+        findings.raise_if_any()
+    try:
+        # non-blocking, so that a pipe put in place of the file cannot hang the reader
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError as error:
+        findings.add_line(None, f"cannot be read: {error.strerror}")
+        findings.raise_if_any()
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        findings.add_line(None, "is not a regular file")
+        findings.raise_if_any()
+    with os.fdopen(descriptor, "rb") as stream:
+        data = stream.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        findings.add_line(None, "is larger than 1 MiB; a scene holds no bulk data, refer to files instead")
+        findings.raise_if_any()
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        findings.add_line(None, f"is not UTF-8 text (line {line}); save it as UTF-8")
+        findings.raise_if_any()
+    if text.startswith("\ufeff"):
+        findings.add_line(1, "begins with a byte-order mark; save it as UTF-8 without BOM")
+        findings.raise_if_any()
+    return text
+
+
+def _report_syntax(message: str, positions: dict[KeyPath, int], repeated: list[tuple[KeyPath, int]], findings: Findings) -> None:
+    reason, _, place = message.partition(_POSITION)
+    digits = [part for part in place.replace(",", " ").replace(")", " ").split() if part.isdecimal()]
+    line = int(digits[0]) if digits else len(findings.lines)
+    twice = "Cannot overwrite" in reason or "twice" in reason or "Duplicate" in reason
+    # tomllib stops behind a value, which may be the line after the key
+    near = [(key, at) for key, at in repeated if line - 1 <= at <= line] if twice else []
+    if near:
+        key, at = near[-1]
+        name = ".".join(str(part) for part in key)
+        findings.add_line(at, f"duplicate key: already written in line {positions[key]}; keep one of them", name)
+    else:
+        findings.add_line(line, f"not valid TOML: {reason[:200]}")
+
+
+def _depth(raw: Any) -> int:
+    """Nesting depth of parsed TOML, without recursion."""
+    depth, level = 0, [raw]
+    while level:
+        depth += 1
+        if depth > MAX_DEPTH + 1:
+            break
+        inner = [list(item.values()) if isinstance(item, dict) else item for item in level if isinstance(item, dict | list)]
+        level = [value for values in inner for value in values]
+    return depth

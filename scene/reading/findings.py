@@ -1,0 +1,154 @@
+"""What is wrong with a scene: every problem at once, each with its place, its line and what to write."""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from headstock.scene.reading.positions import KeyPath
+
+MAX_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong.
+
+    Attributes:
+        place: ``file:line``, or the override (``--set key=value``) it comes from.
+        key: Dotted key path, empty for the file as a whole.
+        source: The source line, empty where there is none.
+        message: What is wrong and what to write.
+    """
+
+    place: str
+    key: str
+    source: str
+    message: str
+
+    def __str__(self) -> str:
+        head = f"{self.place}: {self.key}" if self.key else self.place
+        source = f"\n    | {self.source}" if self.source else ""
+        return f"{head}{source}\n    {self.message}"
+
+
+class SceneError(Exception):
+    """A scene that cannot be used; the command line prints every problem and exits with 2.
+
+    Attributes:
+        problems: In the order of the file.
+    """
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        """Keep every problem; the text of the error shows them all."""
+        self.problems = tuple(problems)
+        count = len(self.problems)
+        shown = "\n".join(str(problem) for problem in self.problems[:MAX_SHOWN])
+        more = f"\n... and {count - MAX_SHOWN} more" if count > MAX_SHOWN else ""
+        super().__init__(f"{shown}{more}\n{count} problem{'s' if count != 1 else ''}; nothing was computed")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the value at a key path came from: a line of the file, and the override that put it there, if any."""
+
+    line: int | None
+    override: str | None = None
+
+
+@dataclass
+class Findings:
+    """Collects problems and warnings by key path while a scene is checked.
+
+    Attributes:
+        path: Scene file as the user wrote it.
+        text: Its lines.
+        origins: Where each key path came from.
+        problems: Found so far, with the line they sort by.
+        warnings: Found so far.
+        on_request: Analyses that run only when they are named.
+        deferred: What keeps such an analysis from running as the scene stands, by its name.
+    """
+
+    path: str
+    lines: tuple[str, ...] = ()
+    origins: dict[KeyPath, Origin] = field(default_factory=dict)
+    problems: list[tuple[int, Problem]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    on_request: frozenset[str] = frozenset()
+    deferred: dict[str, list[Problem]] = field(default_factory=dict)
+
+    def add(self, key: KeyPath, message: str) -> None:
+        """Report a problem at a key path (or at the closest enclosing one that is written down)."""
+        problem = self._problem(key, message)
+        if problem not in [known for _, known in self.problems[-MAX_SHOWN:]]:
+            self.problems.append((self.origin_of(key).line or 0, problem))
+
+    def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
+        """Report what an analysis lacks that a variant may bring; a problem only once the analysis is asked for."""
+        if analysis in self.on_request:
+            self.deferred.setdefault(analysis, []).append(self._problem(key, message))
+        else:
+            self.add(key, message)
+
+    def add_line(self, line: int | None, message: str, key: str = "") -> None:
+        """Report a problem at a line of the file, or at the file as a whole."""
+        self.problems.append((line or 0, Problem(self._place(Origin(line)), key, self.source_line(line), message)))
+
+    def warn(self, key: KeyPath, message: str) -> None:
+        """Report something that is allowed but looks wrong."""
+        self.warnings.append(f"{self._place(self.origin_of(key))}: {show_key(key)}: {message}")
+
+    def origin_of(self, key: KeyPath) -> Origin:
+        """Origin of a key path or of its closest ancestor that has one."""
+        for path in (key, tuple(part for part in key if isinstance(part, str))):
+            for length in range(len(path), 0, -1):
+                if path[:length] in self.origins:
+                    return self.origins[path[:length]]
+        return Origin(None)
+
+    def source_line(self, line: int | None) -> str:
+        """Text of a line of the file, shortened."""
+        if line is None or not 1 <= line <= len(self.lines):
+            return ""
+        text = self.lines[line - 1].strip()
+        return text if len(text) <= 120 else f"{text[:117]}..."
+
+    def raise_if_any(self) -> None:
+        """Raise everything found so far.
+
+        Raises:
+            SceneError: At least one problem was found.
+        """
+        if self.problems:
+            raise SceneError(problem for _, problem in sorted(self.problems, key=lambda item: item[0]))
+
+    def _problem(self, key: KeyPath, message: str) -> Problem:
+        origin = self.origin_of(key)
+        return Problem(self._place(origin), show_key(key), self.source_line(origin.line), message)
+
+    def _place(self, origin: Origin) -> str:
+        place = self.path if origin.line is None else f"{self.path}:{origin.line}"
+        if origin.override is None:
+            return place
+        return origin.override if origin.line is None else f"{place} ({origin.override})"
+
+
+def show_key(key: KeyPath) -> str:
+    """Key path as it is written in a scene: ``joints.clamp.between[1]``."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            shown = part if part.isprintable() and len(part) <= 80 else repr(part[:80])
+            text += f".{shown}" if text else shown
+    return text
+
+
+def suggest_names(wrong: object, names: Iterable[str], *, what: str) -> str:
+    """Say which names exist and which one was probably meant: ``did you mean 'steel'? materials: cast_iron, steel``."""
+    known = sorted(names)
+    close = difflib.get_close_matches(str(wrong)[:80], known, n=1, cutoff=0.6)
+    listed = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{hint}{what}: {listed}" if known else f"there are no {what} in this scene"

@@ -1,0 +1,160 @@
+"""The scene: a machine, where it stands, and what is to be computed of it."""
+
+import dataclasses
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.parts.components import Fidelity
+from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.requests import Analyses
+from headstock.scene.studies import Study
+from headstock.scene.sweep_poses import Sweep
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a run may cost: elements of one mesh, memory [byte], time of one mesh [s]; None for the defaults."""
+
+    elements: int | None = None
+    memory_bytes: float | None = None
+    time_s: float | None = None
+
+
+@dataclass(frozen=True)
+class AccuracyGoal:
+    """How far any requested number may be off.
+
+    Attributes:
+        to: Relative error.
+        fidelity: Elastic components whose share of the strain energy is small enough may become rigid.
+    """
+
+    to: float
+    fidelity: bool = False
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """What ``headstock compare`` shows unless it is told otherwise.
+
+    Attributes:
+        variants: Columns, ``A+B`` for joined variants and ``as written`` for none; empty for all.
+        fidelities: Each variant once with its elastic parts at each of them; empty for as they are.
+        pose: Pose name; None for the first.
+        reference: Column the others are held against; None for the richest.
+    """
+
+    variants: tuple[str, ...] = ()
+    fidelities: tuple[Fidelity, ...] = ()
+    pose: str | None = None
+    reference: str | None = None
+
+
+@dataclass(frozen=True)
+class LegSprings:
+    """Springs of each leg of a lumped mechanism.
+
+    Attributes:
+        joint: Platform joint, along and across the leg [N/m].
+        drive: Nut and bearings, along the leg [N/m].
+        screw: Young's modulus times section of the screw [N].
+        screw_offset: Free length of the screw less the length of the leg [m].
+    """
+
+    joint: float
+    drive: float
+    screw: float
+    screw_offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMechanism(ToolMechanism):
+    """The closed-loop mechanism of a scene.
+
+    Attributes:
+        kind: Which mechanism.
+        model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the components it carries.
+        springs: For the lumped model.
+        screw_lead: Travel of a leg per turn of its motor [m]; None where it is not known.
+    """
+
+    kind: str
+    model: Literal["lumped", "components"]
+    springs: LegSprings | None = None
+    screw_lead: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene that has passed every check.
+
+    Attributes:
+        name: Name in the scene, or the file's.
+        path: Scene file.
+        machine: The machine in SI units.
+        poses: By name, at least one: ``reference`` with every axis at zero when the scene names none.
+        analyses: What is to be computed.
+        on_request: What is computed only when it is named.
+        deferred: What keeps an analysis on request from running as the scene stands, by its name.
+        effects: Names of the effects that are switched on.
+        variants: Names of the variants the scene offers.
+        compare: Which of them are held side by side.
+        raw: Parsed TOML after overrides.
+        limits: What a run may cost.
+        warnings: What is allowed but looks wrong, each with its place.
+        variant: Variant that was applied.
+        studies: What may be varied, by name.
+        sweeps: Poses in which the analyses may be repeated, by name.
+        mechanism: The closed-loop mechanism that carries components, if any.
+        drives: By name; empty unless the effect drive_control is on.
+        accuracy: How far any number may be off; None where mesh sizes and modes are as the scene says.
+        modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all others; empty for none.
+    """
+
+    name: str
+    path: Path
+    machine: Machine
+    poses: dict[str, Pose]
+    analyses: Analyses
+    effects: frozenset[str]
+    variants: tuple[str, ...]
+    raw: dict[str, Any]
+    limits: Limits = field(default_factory=Limits)
+    warnings: tuple[str, ...] = ()
+    variant: str | None = None
+    studies: dict[str, Study] = field(default_factory=dict)
+    sweeps: dict[str, Sweep] = field(default_factory=dict)
+    mechanism: SceneMechanism | None = None
+    modal_damping: tuple[float, ...] = ()
+    compare: CompareSettings = field(default_factory=CompareSettings)
+    accuracy: AccuracyGoal | None = None
+    on_request: Analyses = field(default_factory=Analyses)
+    deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
+    drives: dict[str, Drive] = field(default_factory=dict)
+
+
+def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
+    """The scene with only the named ones of its analyses, those on request among them.
+
+    Raises:
+        SceneError: A named analysis cannot run as the scene stands.
+    """
+    if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
+        raise SceneError(lacking)
+    kept = {name: request for name, request in list_analyses(scene).items() if name in names}
+    return dataclasses.replace(scene, analyses=Analyses(**kept))
+
+
+def list_analyses(scene: Scene) -> dict[str, Any]:
+    """Every analysis of a scene by name, on request or not."""
+    return {
+        item.name: request
+        for item in dataclasses.fields(Analyses)
+        for request in (getattr(scene.analyses, item.name) or getattr(scene.on_request, item.name),)
+        if request is not None
+    }

@@ -1,0 +1,1 @@
+"""Which keys there are, their variants and overrides. Never geometry or cross references."""

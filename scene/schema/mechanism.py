@@ -1,0 +1,66 @@
+"""Schema of a closed-loop mechanism: its kind, dimensions, mounting, what it carries, limits and lumped springs."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from headstock.scene.schema.components import Rotations
+from headstock.scene.schema.types import (
+    AxisPosition,
+    Direction,
+    Length,
+    Name,
+    Names,
+    NotNegativeLength,
+    Position,
+    PositiveForce,
+    PositiveLength,
+    PositiveStiffness,
+    StrictTable,
+    problem,
+)
+
+Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
+
+
+class ExechonTable(StrictTable):
+    """Lengths of an Exechon: two UPR legs whose first axis is common (y), one SPR leg, a two-axis wrist."""
+
+    base: Position
+    platform: Position
+    universal_offsets: Pair = [0.0, 0.0]
+    platform_heights: Pair = [0.0, 0.0]
+    wrist: Pair = [0.0, 0.0]
+    tool_length: NotNegativeLength = 0.0
+
+
+class SpringsTable(StrictTable):
+    """Springs of each leg: platform joint, and along the leg in series with it the drive and the screw, softer as the leg grows."""
+
+    joint: PositiveStiffness
+    drive: PositiveStiffness
+    screw: PositiveForce
+    screw_offset: Length = 0.0
+
+
+class MechanismTable(StrictTable):
+    """A closed-loop mechanism that carries components; the poses of the scene are then tool poses: X, Y, Z, A, B."""
+
+    kind: Literal["exechon"]
+    model: Literal["lumped", "components"] = "lumped"
+    dimensions: ExechonTable
+    at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    rotate: Rotations = Field(default=[], validate_default=False)
+    tool: Direction = (0.0, 0.0, -1.0)
+    carries: dict[Name, Names]
+    limits: dict[Name, Annotated[list[AxisPosition], Field(min_length=2, max_length=2)]] = {}
+    springs: SpringsTable | None = None
+    screw_lead: PositiveLength | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.model == "lumped" and self.springs is None:
+            raise problem(
+                'model = "lumped" needs its springs; write springs = { joint = "275 N/um", drive = "375 N/um", screw = "412 MN" }'
+            )
+        return self

@@ -1,0 +1,172 @@
+"""Overrides of a parsed scene: variants written in the scene and ``key=value`` given on the command line."""
+
+import copy
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from headstock.scene.reading.findings import Findings, Origin, show_key, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.validation import known_keys
+
+ENTRY_SECTIONS = frozenset(
+    {
+        "materials",
+        "components",
+        "joints",
+        "points",
+        "axes",
+        "supports",
+        "loads",
+        "probes",
+        "poses",
+        "sweeps",
+        "studies",
+        "drives",
+        "variants",
+    }
+)
+MAX_OVERRIDES = 1000
+AS_WRITTEN = "as written"  # the scene without any variant, where variants are listed
+VARIANT_JOINER = "+"
+_LIST_PLACE = re.compile(r"\[(\d{1,5})\]")
+
+
+def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> dict[str, Any]:
+    """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too.
+
+    ``calibrated+segmented+R`` applies three variants, the later over the earlier.
+    """
+    variants = raw.get("variants", {})
+    result = dict(raw)
+    if not isinstance(variants, dict):
+        if name is not None:
+            findings.add(("variants",), f"variant {name!r} cannot be used: variants is not a table")
+        return result
+    chosen = split_variant(name)
+    for unknown in [part for part in chosen if part not in variants]:
+        findings.add_line(None, f"unknown variant {unknown!r}; {suggest_names(unknown, variants, what='variants')}", "variants")
+    for part in chosen:
+        _apply_overrides(result, part, variants.get(part), findings, record=True)
+    for other in variants:
+        if other not in chosen:
+            _apply_overrides(dict(raw), other, variants[other], findings, record=False)
+    return result
+
+
+def split_variant(name: str | None) -> list[str]:
+    """Variants that a choice such as ``calibrated+segmented+R`` applies, in order; none for None."""
+    return [] if name is None else name.split(VARIANT_JOINER)
+
+
+def _apply_overrides(raw: dict[str, Any], name: str, overrides: Any, findings: Findings, *, record: bool) -> None:
+    if not isinstance(overrides, dict):
+        return  # unknown, or the schema reports it
+    for path, value, source in _flatten(overrides, ()):
+        line = findings.origin_of(("variants", name, *source)).line
+        _override(raw, path, value, Origin(line, f"variant {name}"), findings, record=record)
+
+
+def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findings) -> None:
+    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not."""
+    for setting in settings[:MAX_OVERRIDES]:
+        key, equals, text = setting.partition("=")
+        path = _split_key(key)
+        label = f"--set {setting}"
+        if not equals or "" in path:
+            findings.problems.append(_unreadable_setting(label))
+            continue
+        _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
+
+
+def apply_values(raw: dict[str, Any], values: Mapping[str, Any], findings: Findings) -> None:
+    """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study."""
+    for key, value in values.items():
+        _override(raw, _split_key(key), copy.deepcopy(value), Origin(None, f"study: {key} = {value}"), findings, record=True)
+
+
+def path_exists(raw: Mapping[str, Any], key: str) -> str:
+    """Say why a dotted key cannot be set in a scene; empty when it can."""
+    probe = dict(raw)
+    findings = Findings("")
+    _override(probe, _split_key(key), None, Origin(None), findings, record=False)
+    return findings.problems[0][1].message if findings.problems else ""
+
+
+def _unreadable_setting(label: str) -> tuple[int, Any]:
+    findings = Findings(label)
+    findings.add_line(None, "write key=value with a dotted key, such as components.column.fidelity=rigid")
+    return findings.problems[0]
+
+
+def _split_key(key: str) -> KeyPath:
+    """``joints.pad_1.at[2]`` (or ``joints.pad_1.at.2``) as a path."""
+    parts = _LIST_PLACE.sub(r".\1", key.strip()).split(".")
+    return tuple(int(part) if part.isdecimal() and len(part) < 6 else part for part in parts)
+
+
+def _read_value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text.strip()}")
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError):
+        return text.strip()
+    return parsed["value"] if list(parsed) == ["value"] else text.strip()
+
+
+def _flatten(table: Mapping[str, Any], prefix: KeyPath) -> list[tuple[KeyPath, Any, KeyPath]]:
+    """Target path, value and source path of each override; a plain table is walked into, a dotted key is a target."""
+    result: list[tuple[KeyPath, Any, KeyPath]] = []
+    for key, value in table.items():
+        if isinstance(value, dict) and value and "." not in key and len(prefix) < 8:
+            result.extend(_flatten(value, (*prefix, key)))
+        else:
+            path = (*(part for step in prefix for part in _split_key(str(step))), *_split_key(key))
+            result.append((path, value, (*prefix, key)))
+    return result
+
+
+def _override(raw: dict[str, Any], path: KeyPath, value: Any, origin: Origin, findings: Findings, *, record: bool) -> None:
+    problem = _find_obstacle(raw, path)
+    if problem:
+        label = Findings(findings.path, findings.lines, {path: origin})
+        label.add(path, problem)
+        findings.problems.extend(label.problems)
+        return
+    place: Any = raw
+    for part in path[:-1]:
+        # copied along the path only: many variants of a large scene share the rest
+        place[part] = copy.copy(place.get(part, {}) if isinstance(place, dict) else place[part])
+        place = place[part]
+    place[path[-1]] = value
+    if record:
+        for known in [known for known in findings.origins if known[: len(path)] == path]:
+            del findings.origins[known]
+        findings.origins[path] = origin
+
+
+def _find_obstacle(raw: Mapping[str, Any], path: KeyPath) -> str:
+    """Why nothing can be set at a path: an unknown section, entry or key, or a value in the way."""
+    sections = known_keys(()) or []
+    if path[0] not in sections:
+        return f"cannot set {show_key(path)}: {suggest_names(path[0], sections, what='sections')}"
+    place: Any = raw
+    for depth, part in enumerate(path):
+        last = depth == len(path) - 1
+        if isinstance(place, list):
+            if not isinstance(part, int) or part >= len(place):
+                return f"cannot set {show_key(path)}: {show_key(path[:depth])} has entries 0 to {len(place) - 1}"
+            place = list(place)[part]
+            continue
+        if not isinstance(place, dict):
+            return f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
+        if part not in place:
+            if depth == 1 and not last and path[0] in ENTRY_SECTIONS:
+                return f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
+            keys = known_keys(path[:depth])
+            if keys is not None and part not in keys:
+                return f"cannot set {show_key(path)}: unknown key {part!r}; {suggest_names(part, keys, what='known keys')}"
+            place = {}
+            continue
+        place = place[part]
+    return ""

@@ -1,0 +1,166 @@
+"""Schema of a whole scene file."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from headstock.scene.reading.units import ACCELERATION
+from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
+from headstock.scene.schema.connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
+from headstock.scene.schema.drives import ControlTable, DriveTable
+from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
+from headstock.scene.schema.mechanism import MechanismTable
+from headstock.scene.schema.path import PathTable
+from headstock.scene.schema.schema_accuracy import AccuracyEntry
+from headstock.scene.schema.schema_contouring import ContouringTable
+from headstock.scene.schema.schema_frequency import FrfTable
+from headstock.scene.schema.schema_sweeps import SweepTable
+from headstock.scene.schema.studies import StudyTable
+from headstock.scene.schema.types import (
+    MAX_POSES,
+    RATIO_FORM,
+    Count,
+    Flag,
+    JsonForm,
+    Name,
+    Names,
+    OrForm,
+    PositiveFrequency,
+    PositiveMemory,
+    PositiveTime,
+    QuantityPattern,
+    RequestTable,
+    StrictTable,
+    Text,
+    not_both,
+    problem,
+)
+
+
+class StaticTable(RequestTable):
+    """Compliance at points; without `at` at every point."""
+
+    at: Names | None = None
+    poses: Names | None = None
+
+
+class ModalTable(RequestTable):
+    """Natural frequencies and modes; six of them unless `count` or `up_to` is given."""
+
+    model_config = not_both("count", "up_to")
+
+    count: Count | None = None
+    up_to: PositiveFrequency | None = None
+    poses: Names | None = None
+    spread: Flag = False
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.count is not None and self.up_to is not None:
+            raise problem("gives both count and up_to; keep one")
+        return self
+
+
+class MapTable(RequestTable):
+    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep along two or three axes."""
+
+    sweep: Text
+    count: Annotated[Count, Field(le=6)] = 3
+
+
+_LEFT_OUT = OrForm({"const": False, "description": "left out"})
+
+
+class AnalysesTable(StrictTable):
+    """What is computed; `false` leaves an analysis out, in a variant say."""
+
+    static: Annotated[StaticTable | None, _LEFT_OUT] = None
+    modal: Annotated[ModalTable | None, _LEFT_OUT] = None
+    frf: Annotated[FrfTable | None, _LEFT_OUT] = None
+    map: Annotated[MapTable | None, _LEFT_OUT] = None
+    contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
+    path: Annotated[PathTable | None, _LEFT_OUT] = None
+    control: Annotated[ControlTable | None, _LEFT_OUT] = None
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _leave_out(cls, value: object) -> object:
+        return None if value is False else value
+
+
+class CompareTable(StrictTable):
+    """What `headstock compare` shows unless the command line says otherwise."""
+
+    variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
+    fidelity: Annotated[list[Literal["rigid", "segmented", "elastic"]], Field(min_length=1, max_length=3)] | None = None
+    pose: Text | None = None
+    reference: Text | None = None
+
+
+class LimitsTable(StrictTable):
+    """What a run may cost."""
+
+    elements: Count | None = None
+    memory: PositiveMemory | None = None
+    time: PositiveTime | None = None
+
+
+def _read_effects(value: object) -> object:
+    return dict.fromkeys(value, True) if isinstance(value, list) and all(isinstance(name, str) for name in value) else value
+
+
+_RATIOS = {"anyOf": [RATIO_FORM, {"type": "array", "items": RATIO_FORM, "minItems": 1}]}
+_ACCELERATION = {"type": "string", "pattern": QuantityPattern((ACCELERATION,))}
+_EFFECT_FORMS = {
+    **{name: {"type": "boolean"} for name in PLAIN_EFFECTS},
+    "gravity": {
+        "anyOf": [{"type": "boolean"}, _ACCELERATION, {"type": "array", "items": _ACCELERATION, "minItems": 3, "maxItems": 3}],
+        "examples": [True, "9.81 m/s^2"],
+    },
+    "damping": {
+        "anyOf": [
+            {"type": "boolean"},
+            {"type": "object", "properties": {"modal": _RATIOS}, "required": ["modal"], "additionalProperties": False},
+        ],
+        "examples": [True, {"modal": 0.02}],
+    },
+}
+Effects = Annotated[
+    dict[Text, Any],
+    BeforeValidator(_read_effects),
+    JsonForm(
+        {
+            "anyOf": [
+                {"type": "object", "properties": _EFFECT_FORMS, "additionalProperties": False},
+                {"type": "array", "items": {"enum": list(EFFECT_NAMES)}},
+            ]
+        }
+    ),
+]
+
+
+class SceneTable(StrictTable):
+    """A scene: one machine, its poses and what is to be computed."""
+
+    name: Text | None = None
+    materials: dict[Name, MaterialTable] = {}
+    components: dict[Name, ComponentTable] = {}
+    joints: dict[Name, JointTable] = {}
+    points: dict[Name, PointTable] = {}
+    axes: dict[Name, AxisTable] = {}
+    supports: dict[Name, SupportTable] = {}
+    loads: dict[Name, LoadTable] = {}
+    probes: dict[Name, ProbeTable] = {}
+    mechanism: MechanismTable | None = None
+    variants: dict[Name, dict[str, Any]] = {}
+    compare: CompareTable = CompareTable()
+    poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
+    sweeps: dict[Name, SweepTable] = {}
+    studies: dict[Name, StudyTable] = {}
+    drives: dict[Name, DriveTable] = {}
+    effects: Effects = {}
+    analyses: AnalysesTable = AnalysesTable()
+    orientation: OrientationTable = OrientationTable()
+    limits: LimitsTable = LimitsTable()
+    accuracy: AccuracyEntry | None = None
+    free: Flag = False

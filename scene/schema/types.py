@@ -1,0 +1,388 @@
+"""Field types of the scene schema: quantities with units, plain numbers, names, directions and references."""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool
+from pydantic_core import PydanticCustomError
+
+from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.machine.joints import GROUND, JointEnd
+from headstock.scene.reading import units
+from headstock.scene.reading.units import Dimension, Quantity, Sign, UnitError, parse_quantity, quantity_pattern, show_value
+
+MAX_COUNT = 10_000_000
+MAX_RIBS = 200
+MAX_POSES = 1000
+_THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
+_DIRECTION = re.compile(r"([+-]?)([xyz])")
+
+
+class StrictTable(BaseModel):
+    """A table of the scene: unknown keys are errors, values cannot be changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def one_of(*keys: str) -> ConfigDict:
+    """Table of which exactly one of some keys is given; the table checks it too, in words of its own."""
+    return ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in keys]})
+
+
+def not_both(*keys: str) -> ConfigDict:
+    """Table of which some keys do not stand beside each other; the table checks it too, in words of its own."""
+    return ConfigDict(json_schema_extra={"not": {"required": list(keys)}})
+
+
+def problem(message: str) -> PydanticCustomError:
+    """A validation error that carries a finished message."""
+    return PydanticCustomError("scene", "{message}", {"message": message})
+
+
+def read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
+    """A validator that reads a quantity of one of some dimensions."""
+
+    def read(value: object) -> Quantity:
+        if isinstance(value, Quantity):
+            return value
+        try:
+            return parse_quantity(value, *dimensions)
+        except UnitError as error:
+            raise problem(str(error)) from error
+
+    return read
+
+
+def _read_float(dimension: Dimension) -> Callable[[object], float]:
+    read = read_quantity(dimension)
+    return lambda value: read(value).value
+
+
+@dataclass(frozen=True)
+class QuantityPattern:
+    """Stands for the pattern of quantities of some dimensions, which takes the units' definitions to write."""
+
+    dimensions: tuple[Dimension, ...]
+    sign: Sign = "any"
+
+
+def write_form(form: Any) -> Any:
+    """A description for the JSON schema, anew, with the patterns of its quantities."""
+    if isinstance(form, QuantityPattern):
+        return quantity_pattern(*form.dimensions, sign=form.sign)
+    if isinstance(form, Mapping):
+        return {key: write_form(value) for key, value in form.items()}
+    return [write_form(item) for item in form] if isinstance(form, list) else form
+
+
+@dataclass(frozen=True)
+class JsonForm:
+    """How a value stands in the JSON schema where pydantic's own description would refuse what is accepted; a fresh one at each place."""
+
+    form: Mapping[str, Any]
+
+    def __get_pydantic_json_schema__(self, _core: Any, _handler: Any) -> dict[str, Any]:
+        """The description itself."""
+        return dict(write_form(self.form))
+
+
+@dataclass(frozen=True)
+class OrForm:
+    """A value may also be written in another form, as the JSON schema says; ``None`` stands for one item of a list, without brackets."""
+
+    form: Mapping[str, Any] | None = None
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        """Either form."""
+        usual = handler(core)
+        other = usual["items"] if self.form is None else write_form(self.form)
+        return {"anyOf": [usual, other]}
+
+
+def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
+    """How such a quantity stands in the JSON schema."""
+    names = " or ".join(dimension.name for dimension in dimensions)
+    examples = [dimension.example for dimension in dimensions]
+    return JsonForm(
+        {
+            "type": "string",
+            "description": f"{names} with a unit",
+            "examples": examples,
+            "pattern": QuantityPattern(dimensions, sign),
+        }
+    )
+
+
+def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
+    def check(value: float) -> float:
+        if not test(value):
+            raise problem(f"is {value:g} in SI units but {rule}")
+        return value
+
+    return AfterValidator(check)
+
+
+LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
+_POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
+_NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
+
+Length = Annotated[float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)]
+PositiveLength = Annotated[
+    float, BeforeValidator(_read_float(units.LENGTH)), _POSITIVE, describe_quantity(units.LENGTH, sign="positive")
+]
+NotNegativeLength = Annotated[
+    float, BeforeValidator(_read_float(units.LENGTH)), _NOT_NEGATIVE, describe_quantity(units.LENGTH, sign="not negative")
+]
+Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), describe_quantity(units.ANGLE)]
+Pressure = Annotated[float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)]
+PositivePressure = Annotated[
+    float, BeforeValidator(_read_float(units.PRESSURE)), _POSITIVE, describe_quantity(units.PRESSURE, sign="positive")
+]
+PositiveDensity = Annotated[
+    float, BeforeValidator(_read_float(units.DENSITY)), _POSITIVE, describe_quantity(units.DENSITY, sign="positive")
+]
+PositiveMass = Annotated[float, BeforeValidator(_read_float(units.MASS)), _POSITIVE, describe_quantity(units.MASS, sign="positive")]
+PositiveFrequency = Annotated[
+    float, BeforeValidator(_read_float(units.FREQUENCY)), _POSITIVE, describe_quantity(units.FREQUENCY, sign="positive")
+]
+Frequency = Annotated[
+    float, BeforeValidator(_read_float(units.FREQUENCY)), _NOT_NEGATIVE, describe_quantity(units.FREQUENCY, sign="not negative")
+]
+PositiveTime = Annotated[float, BeforeValidator(_read_float(units.TIME)), _POSITIVE, describe_quantity(units.TIME, sign="positive")]
+PositiveMemory = Annotated[
+    float, BeforeValidator(_read_float(units.MEMORY)), _POSITIVE, describe_quantity(units.MEMORY, sign="positive")
+]
+PositiveForce = Annotated[
+    float, BeforeValidator(_read_float(units.FORCE)), _POSITIVE, describe_quantity(units.FORCE, sign="positive")
+]
+PositiveStiffness = Annotated[
+    float, BeforeValidator(_read_float(units.STIFFNESS)), _POSITIVE, describe_quantity(units.STIFFNESS, sign="positive")
+]
+PositiveRotationalStiffness = Annotated[
+    float,
+    BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)),
+    _POSITIVE,
+    describe_quantity(units.ROTATIONAL_STIFFNESS, sign="positive"),
+]
+Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
+PositiveSpeed = Annotated[
+    float, BeforeValidator(_read_float(units.SPEED)), _POSITIVE, describe_quantity(units.SPEED, sign="positive")
+]
+PositiveAngularSpeed = Annotated[
+    float, BeforeValidator(_read_float(units.ANGULAR_SPEED)), _POSITIVE, describe_quantity(units.ANGULAR_SPEED, sign="positive")
+]
+Moment = Annotated[float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)]
+Acceleration = Annotated[float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)]
+PositiveInertia = Annotated[
+    float, BeforeValidator(_read_float(units.INERTIA)), _POSITIVE, describe_quantity(units.INERTIA, sign="positive")
+]
+PositiveRate = Annotated[float, BeforeValidator(_read_float(units.RATE)), _POSITIVE, describe_quantity(units.RATE, sign="positive")]
+NotNegativeForce = Annotated[
+    float, BeforeValidator(_read_float(units.FORCE)), _NOT_NEGATIVE, describe_quantity(units.FORCE, sign="not negative")
+]
+AxisPosition = Annotated[
+    Quantity, BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)), describe_quantity(units.LENGTH, units.ANGLE)
+]
+
+
+def _read_joint_value(translation: Dimension, rotation: Dimension) -> Callable[[object], Quantity | str]:
+    read = read_quantity(translation, rotation)
+    return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
+
+
+JointStiffness = Annotated[
+    Quantity | str,
+    BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
+    describe_quantity(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+    OrForm({"const": "rigid"}),
+]
+JointDamping = Annotated[
+    Quantity,
+    BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
+    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
+]
+
+
+def _read_number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise problem(f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3")
+    if (isinstance(value, int) and abs(value) > 10**300) or not math.isfinite(value):
+        raise problem(f"{show_value(value)} is not finite; write an ordinary number")
+    return float(value)
+
+
+def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int]:
+    def read(value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise problem(f"{show_value(value)} is not a whole number; write one without quotes, such as {max(lowest, 1)}")
+        if not lowest <= value <= highest:
+            raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
+        return value
+
+    return read
+
+
+Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
+Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
+CountFromZero = Annotated[int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})]
+RibCount = Annotated[
+    int, BeforeValidator(_read_count(0, MAX_RIBS)), JsonForm({"type": "integer", "minimum": 0, "maximum": MAX_RIBS})
+]
+Flag = StrictBool
+
+
+# a number, or a text with a number and perhaps a per cent sign
+RATIO_FORM: Mapping[str, Any] = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
+
+
+def read_share(value: object, what: str) -> float:
+    """A number between 0 and 1, plain or in per cent.
+
+    Raises:
+        PydanticCustomError: It is none.
+    """
+    if isinstance(value, str):
+        try:
+            share = parse_quantity(value, units.RATIO).value
+        except UnitError as error:
+            raise problem(str(error)) from error
+    else:
+        share = _read_number(value)
+    if not 0.0 <= share <= 1.0:
+        article = "an" if what[0] in "aeiou" else "a"
+        raise problem(f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"')
+    return share
+
+
+_SHARE = JsonForm({"description": "ratio from 0 to 1", "examples": [0.02, "2 %"], **RATIO_FORM, "minimum": 0.0, "maximum": 1.0})
+LossFactor = Annotated[float, BeforeValidator(lambda value: read_share(value, "loss factor")), _SHARE]
+
+NotNegativeShare = Annotated[float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE]
+
+
+def _read_port(value: object) -> tuple[str, str]:
+    if isinstance(value, str) and value:
+        return value, ""
+    if not isinstance(value, list) or len(value) != 2 or not all(isinstance(part, str) for part in value):
+        raise problem(f'{show_value(value)} is no port; write ["tcp", "x"], or "tcp" for x, y and z')
+    if value[1] not in DOF_NAMES:
+        raise problem(f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}")
+    return value[0], value[1]
+
+
+class RequestTable(StrictTable):
+    """An analysis, which can be kept for when it is asked for."""
+
+    on_request: Flag = False
+
+
+# a point or component.interface, and a direction; empty for x, y and z
+PortName = Annotated[
+    tuple[str, str],
+    BeforeValidator(_read_port),
+    JsonForm(
+        {
+            "description": "point or component.interface with direction",
+            "examples": [["tcp", "x"], "tcp"],
+            "anyOf": [
+                {"type": "string", "minLength": 1},
+                {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2},
+            ],
+        }
+    ),
+]
+
+
+def _read_name(value: object) -> str:
+    if not isinstance(value, str) or _NAME.fullmatch(value) is None:
+        raise problem(f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64")
+    return value
+
+
+Name = Annotated[str, BeforeValidator(_read_name), JsonForm({"type": "string", "pattern": f"^{_NAME.pattern}$"})]
+
+
+def _check_text(value: str) -> str:
+    if len(value) > 400 or not value.isprintable():
+        raise problem("must be one line of at most 400 printable characters")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_check_text)]
+
+
+def _wrap(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+Size = Annotated[list[PositiveLength], Field(min_length=3, max_length=3)]
+Position = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Names = Annotated[list[Text], BeforeValidator(_wrap), Field(min_length=1, max_length=1000), OrForm()]
+
+
+def _read_direction(value: object) -> tuple[float, float, float]:
+    if isinstance(value, str) and (match := _DIRECTION.fullmatch(value)):
+        sign = -1.0 if match[1] == "-" else 1.0
+        x, y, z = (sign if letter == match[2] else 0.0 for letter in "xyz")
+        return x, y, z
+    if not isinstance(value, list) or len(value) != 3:
+        raise problem(f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]')
+    vector = np.array([_read_number(item) for item in value])
+    scale = float(np.abs(vector).max())
+    if scale == 0.0:
+        raise problem("a direction needs a length above zero")
+    vector = vector / scale
+    x, y, z = (float(item) for item in vector / np.linalg.norm(vector))
+    return x, y, z
+
+
+def show_direction(vector: Iterable[float]) -> str:
+    """A unit vector as a scene writes it: ``"x"``, ``"-z"`` or three numbers."""
+    numbers = [float(number) for number in vector]
+    for letter, number in zip("xyz", numbers, strict=True):
+        if abs(number) > 1.0 - 1e-9:
+            return f'"{"-" if number < 0.0 else ""}{letter}"'
+    return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
+
+
+Direction = Annotated[
+    tuple[float, float, float],
+    BeforeValidator(_read_direction),
+    JsonForm(
+        {
+            "description": "x, -z ... or three plain numbers",
+            "examples": ["x", "-z", [1, 0, 0]],
+            "anyOf": [{"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]}, _THREE_NUMBERS],
+        }
+    ),
+]
+
+
+def _read_end(value: object) -> JointEnd:
+    if isinstance(value, JointEnd):
+        return value
+    if value == GROUND:
+        return JointEnd()
+    if not isinstance(value, str) or value.count(".") != 1 or not all(value.split(".")):
+        raise problem(f'{show_value(value)} is not an end; write "component.interface" or "ground"')
+    component, _, interface = value.partition(".")
+    return JointEnd(component, interface)
+
+
+End = Annotated[
+    JointEnd,
+    BeforeValidator(_read_end),
+    JsonForm(
+        {
+            "type": "string",
+            "description": "component.interface or ground",
+            "examples": ["column.foot", "ground"],
+            "pattern": rf"^({GROUND}|[^.]+\.[^.]+)$",
+        }
+    ),
+]

@@ -1,0 +1,152 @@
+"""Runs the schema over a parsed scene and turns what pydantic finds into problems with a place and a remedy."""
+
+import difflib
+import types
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import show_value
+from headstock.scene.schema.scene import SceneTable
+
+MAX_PROBLEMS = 200
+TAGS = ("[key]", "[waypoints]", "[file]")  # what pydantic puts among the keys: a faulty key, and which kind of value was taken
+_KINDS = {
+    "string_type": 'is not text; write it in quotes, such as "text"',
+    "bool_type": "is neither true nor false; write one of them without quotes",
+    "list_type": "is not a list; write [ ..., ... ]",
+    "dict_type": "is not a table; write { key = value } or [section]",
+    "model_type": "is not a table; write { key = value } or [section]",
+    "model_attributes_type": "is not a table; write { key = value } or [section]",
+}
+
+
+def validate_tables(raw: Mapping[str, Any], findings: Findings) -> SceneTable | None:
+    """Validate a parsed scene, as ``validate_against`` does."""
+    return validate_against(SceneTable, raw, findings)
+
+
+def validate_against[T: BaseModel](model: type[T], raw: Mapping[str, Any], findings: Findings) -> T | None:
+    """Validate a parsed file; entries that fail are reported and left out, so that the rest can be checked further.
+
+    Args:
+        model: Schema of the whole file.
+        raw: Parsed TOML after overrides.
+        findings: Where problems go.
+
+    Returns:
+        What is valid, or None when not enough of the file is left to look at.
+    """
+    pruned: Any = {key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()}
+    for _ in range(4):
+        try:
+            return model.model_validate(pruned)
+        except ValidationError as error:
+            for detail in error.errors(include_url=False):
+                if len(findings.problems) < MAX_PROBLEMS:
+                    _report(model, detail, findings)
+                _prune(pruned, detail["loc"])
+    return None
+
+
+def known_keys(path: KeyPath) -> list[str] | None:
+    """Keys the scene's schema knows at a path; None where any key may stand."""
+    return _known_keys(SceneTable, path)
+
+
+def _known_keys(root: type[BaseModel], path: KeyPath) -> list[str] | None:
+    model = _resolve_model(root, path)
+    return [field.alias or name for name, field in model.model_fields.items()] if model is not None else None
+
+
+def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
+    path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
+    kind = detail["type"]
+    value = detail.get("input")
+    if kind == "extra_forbidden":
+        keys = _known_keys(root, path[:-1]) or []
+        findings.add(path, f"unknown key {str(path[-1])[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}")
+    elif kind == "missing":
+        findings.add(path, _missing_message(root, path))
+    elif kind == "literal_error":
+        expected = str(detail.get("ctx", {}).get("expected", ""))
+        findings.add(path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}")
+    elif kind in ("too_short", "too_long"):
+        findings.add(path, _length_message(detail))
+    elif kind in _KINDS:
+        findings.add(path, f"{show_value(value)} {_KINDS[kind]}")
+    else:
+        findings.add(path, str(detail["msg"]))
+
+
+def _missing_message(root: type[BaseModel], path: KeyPath) -> str:
+    model = _resolve_model(root, path[:-1])
+    example = "" if model is None else _example_of(model, str(path[-1]))
+    return f"{path[-1]!r} is missing; write it{example}"
+
+
+@cache
+def _example_of(model: type[BaseModel], key: str) -> str:
+    """An example value of a key, where its type has one."""
+    schema = model.model_json_schema(mode="validation")["properties"].get(key, {})
+    return f', such as {key} = "{schema["examples"][0]}"' if schema.get("examples") else ""
+
+
+def _length_message(detail: ErrorDetails) -> str:
+    context = detail.get("ctx", {})
+    found = context.get("actual_length")
+    low, high = context.get("min_length"), context.get("max_length")
+    wanted = f"at least {low}" if low is not None else f"at most {high}"
+    return f"has {found} entries but needs {wanted}"
+
+
+def _closest(value: object, expected: str) -> str:
+    names = [part.strip(" '") for part in expected.replace(" or ", ",").split(",")]
+    close = difflib.get_close_matches(str(value)[:80], names, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _prune(pruned: Any, loc: tuple[int | str, ...]) -> None:
+    """Remove the entry an error lies in: ``components.column`` for ``components.column.mesh.size``."""
+    section = loc[0]
+    entries = pruned.get(section)
+    if len(loc) > 1 and isinstance(entries, dict) and loc[1] in entries:
+        del entries[loc[1]]
+    elif len(loc) == 1 or not isinstance(entries, dict):
+        pruned.pop(section, None)
+
+
+def _resolve_model(annotation: Any, path: KeyPath) -> type[BaseModel] | None:
+    annotation = _unwrap(annotation)
+    if not path:
+        return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        field = annotation.model_fields.get(str(path[0]))
+        return None if field is None else _resolve_model(field.annotation, path[1:])
+    arguments = get_args(annotation)
+    if get_origin(annotation) in (dict, list) and arguments:
+        return _resolve_model(arguments[-1], path[1:])
+    return None
+
+
+def _unwrap(annotation: Any) -> Any:
+    """Strip ``Annotated`` and ``| None``."""
+    while True:
+        origin = get_origin(annotation)
+        if origin is Annotated:
+            annotation = get_args(annotation)[0]
+        elif origin in (Union, types.UnionType):
+            candidates = [item for item in get_args(annotation) if item is not type(None)]
+            tables = [item for item in candidates if isinstance(_strip(item), type) and issubclass(_strip(item), BaseModel)]
+            annotation = (tables or candidates)[0]
+        else:
+            return annotation
+
+
+def _strip(annotation: Any) -> Any:
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation

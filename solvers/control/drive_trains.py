@@ -1,0 +1,138 @@
+"""Motors and screws as coordinates of their own: a machine whose axes are free to move, pushed by drive forces."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.solvers.second_order import Port, SecondOrderSystem
+
+FORCE, MOTOR, SCALE, SLIDE = "force", "motor", "scale", "slide"
+
+
+@dataclass(frozen=True, eq=False)
+class DriveTrain:
+    """A drive in a pose. Every turn is expressed along the axis: motor angle times lead / (2 pi).
+
+    Attributes:
+        name: Name of the drive; its ports are ``(name, "force")``, ``(name, "motor")``, ``(name, "scale")``, ``(name, "slide")``.
+        axis: Axis it moves.
+        joint: Its ball screw.
+        control: Its controller.
+        stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor held.
+        stiffness: Of that, as it is in the system with the motor held [N/m].
+        thread: The same without the coupling, where that has a part in it [N/m].
+        slide: ``(n,)`` motion along the axis across the guide; also what the joint's damper sees.
+        scale: ``(n,)`` motion that the linear scale reads.
+        stator: ``(n,)`` turn of the motor's housing about the screw.
+        motor_mass: Motor inertia over the square of lead / (2 pi) [kg].
+        damping: Of the joint along the axis [N s/m].
+        loss: Imaginary part of the joint's complex stiffness [N/m].
+        screw_mass: Screw inertia likewise [kg].
+        coupling: Stiffness between motor and screw likewise [N/m]; infinite where it is rigid.
+        friction: Along the axis.
+        cycle: Of the controller [s].
+    """
+
+    name: str
+    axis: str
+    joint: str
+    control: AxisControl
+    stretch: FloatArray
+    stiffness: float
+    thread: float
+    slide: FloatArray
+    scale: FloatArray
+    stator: FloatArray
+    motor_mass: float
+    damping: float = 0.0
+    loss: float = 0.0
+    screw_mass: float = 0.0
+    coupling: float = math.inf
+    friction: GuideFriction | None = None
+    cycle: float = 0.0
+
+
+def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> SecondOrderSystem:
+    """The system with the motors let go: a coordinate for each motor, and one for each screw that turns by itself.
+
+    A coordinate is the relative turn of rotor and housing, so that a drive force on it is a torque between both. A screw turns by
+    itself where its inertia counts and its coupling gives way; a coupling without such a screw is in series with the thread.
+
+    Args:
+        system: Symmetric, with the springs of the drives in it as they are with the motors held.
+        trains: One for each motor; rows as long as the system.
+
+    Source: Altintas, Verl, Brecher, Uriarte and Pritschow (2011), section 3.
+    """
+    size = len(system.mass)
+    own = [2 if _turns_alone(train) else 1 for train in trains]
+    total = size + sum(own)
+    mass, stiffness = _pad(system.mass, total), _pad(system.stiffness, total)
+    damping = None if system.damping is None else _pad(system.damping, total)
+    hysteretic = None if system.hysteretic is None else _pad(system.hysteretic, total)
+    inputs = {port: _pad_row(row, total) for port, row in system.inputs.items()}
+    outputs = {port: _pad_row(row, total) for port, row in system.outputs.items()}
+    labels = list(system.labels)
+    for train, count, place in zip(trains, own, size + np.cumsum([0, *own[:-1]]), strict=True):
+        motor, screw = np.eye(total)[place], np.eye(total)[place + count - 1]
+        stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
+        slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
+        held, spring = train.stiffness, _thread_stiffness(train)
+        stiffness += _join(stretch, screw, spring) + (spring - held) * np.outer(stretch, stretch)
+        mass += train.motor_mass * np.outer(motor + stator, motor + stator)
+        if count == 2:
+            stiffness += train.coupling * np.outer(motor - screw, motor - screw)
+        if train.screw_mass:
+            mass += train.screw_mass * np.outer(screw + stator, screw + stator)
+        if damping is not None:
+            damping += _join(slide, screw, train.damping)
+        if hysteretic is not None:
+            loss = train.loss * spring / held
+            hysteretic += _join(stretch, screw, loss) + (loss - train.loss) * np.outer(stretch, stretch)
+        inputs |= {(train.name, FORCE): motor, (train.name, SLIDE): slide}
+        outputs |= {(train.name, MOTOR): motor, (train.name, SCALE): scale, (train.name, SLIDE): slide}
+        labels += [f"{train.name} motor"] + [f"{train.name} screw"] * (count - 1)
+    return SecondOrderSystem(mass, damping, stiffness, inputs, outputs, tuple(labels), hysteretic)
+
+
+def measured_port(train: DriveTrain) -> Port:
+    """What the position controller of a drive sees."""
+    return train.name, train.control.encoder
+
+
+def count_coordinates(train: DriveTrain) -> int:
+    """How many coordinates a drive brings."""
+    return 2 if _turns_alone(train) else 1
+
+
+def _turns_alone(train: DriveTrain) -> bool:
+    return train.screw_mass > 0.0 and math.isfinite(train.coupling)
+
+
+def _thread_stiffness(train: DriveTrain) -> float:
+    """Between the nut and what turns the thread: a coupling without a screw of its own stands in series."""
+    if _turns_alone(train) or not math.isfinite(train.coupling):
+        return train.thread
+    return 1.0 / (1.0 / train.thread + 1.0 / train.coupling)
+
+
+def _join(row: FloatArray, coordinate: FloatArray, stiffness: float) -> FloatArray:
+    """What ``k (row q)^2`` lacks of ``k (row q - x)^2``."""
+    cross = np.outer(row, coordinate)
+    return np.asarray(stiffness * (np.outer(coordinate, coordinate) - cross - cross.T))
+
+
+def _pad(matrix: FloatArray, total: int) -> FloatArray:
+    padded = np.zeros((total, total))
+    padded[: len(matrix), : len(matrix)] = matrix
+    return padded
+
+
+def _pad_row(row: FloatArray, total: int) -> FloatArray:
+    padded = np.zeros(total)
+    padded[: len(row)] = row
+    return padded

@@ -1,0 +1,137 @@
+"""A closed loop whose guides rub: its rate of change, with the works of all forces as states of their own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import GuideFriction
+from headstock.solvers.control.drive_loops import ClosedLoop, set_ports
+from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
+from headstock.solvers.control.guide_friction import friction_force, friction_slope
+from headstock.solvers.second_order import Port
+
+WORKS = 4  # of the drives, of the loads, lost in dampers, lost in friction
+
+
+@dataclass(frozen=True, eq=False)
+class RubbingLoop:
+    """``x' = A x + B u - G f(V x)``, and four works.
+
+    The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per velocity.
+
+    Attributes:
+        loop: Closed, with the loads that are given and then those of friction as inputs.
+        laws: Of each guide that rubs.
+        slides: V ``(k, n)``: velocity in these guides.
+        drag: G ``(n, k)``.
+        given: How many inputs are given: set points, then loads.
+        sets: How many of these are set points.
+        weights: ``(m,)`` of the squares of the machine's states in twice the energy.
+        dampers: ``(m, m)`` power lost in dampers.
+    """
+
+    loop: ClosedLoop
+    laws: tuple[GuideFriction, ...]
+    slides: FloatArray
+    drag: FloatArray
+    given: int
+    sets: int
+    weights: FloatArray
+    dampers: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Number of states without the works."""
+        return len(self.loop.space.a)
+
+    def friction(self, speeds: FloatArray) -> FloatArray:
+        """Forces ``(..., k)`` against the motion [N]."""
+        forces = np.zeros_like(speeds)
+        for number, law in enumerate(self.laws):
+            forces[..., number] = friction_force(law, speeds[..., number])
+        return forces
+
+    def drive_forces(self, states: FloatArray, given: FloatArray) -> FloatArray:
+        """``(..., n_drives)`` [N]."""
+        count, space = len(self.loop.trains), self.loop.space
+        return np.asarray(states @ space.c[-count:].T + given @ space.d[-count:, : self.given].T)
+
+    def stored_energy(self, states: FloatArray) -> FloatArray:
+        """Kinetic and strain energy ``(...)`` [J]."""
+        return np.asarray(0.5 * states[..., : self.loop.plant_size] ** 2 @ self.weights)
+
+    def rate(self, full: FloatArray, given: FloatArray) -> FloatArray:
+        """Derivative of states and works ``(n + 4,)``."""
+        state, space = full[: self.size], self.loop.space
+        speeds = self.slides @ state
+        rubbed = self.friction(speeds)
+        machine = state[: self.loop.plant_size]
+        works = (
+            self.drive_forces(state, given) @ (self.loop.rates @ state),
+            machine @ self._load_column(given),
+            machine @ self.dampers @ machine,
+            rubbed @ speeds,
+        )
+        return np.concatenate([space.a @ state + space.b[:, : self.given] @ given - self.drag @ rubbed, works])
+
+    def jacobian(self, full: FloatArray, given: FloatArray) -> FloatArray:
+        """``(n + 4, n + 4)``."""
+        state, space, count = full[: self.size], self.loop.space, len(self.loop.trains)
+        machine = slice(0, self.loop.plant_size)
+        speeds = self.slides @ state
+        slopes = np.array([float(friction_slope(law, speeds[i])) for i, law in enumerate(self.laws)])
+        found = np.zeros((len(full), len(full)))
+        inner, works = found[: self.size, : self.size], found[self.size :, : self.size]
+        inner[:] = space.a - (self.drag * slopes) @ self.slides
+        rates = self.loop.rates
+        works[0] = self.drive_forces(state, given) @ rates + (rates @ state) @ space.c[-count:]
+        works[1, machine] = self._load_column(given)
+        works[2, machine] = 2.0 * self.dampers @ state[machine]
+        works[3] = (self.friction(speeds) + slopes * speeds) @ self.slides
+        return found
+
+    def _load_column(self, given: FloatArray) -> FloatArray:
+        """What the loads do to the machine's states ``(m,)``."""
+        count = len(self.loop.trains)
+        return np.asarray(self.loop.plant.b[:, count : count + self.given - self.sets] @ given[self.sets :])
+
+
+def friction_ports(trains: tuple[DriveTrain, ...]) -> tuple[Port, ...]:
+    """Inputs where friction acts: the last ones a loop is to be closed with."""
+    return tuple((train.name, SLIDE) for train in trains if train.friction is not None)
+
+
+def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
+    """Take a closed loop apart.
+
+    Args:
+        loop: Its last inputs are ``friction_ports`` of its drives.
+
+    Raises:
+        ValueError: They are not.
+    """
+    space, plant = loop.space, loop.plant
+    ports = friction_ports(loop.trains)
+    given = len(space.inputs) - len(ports)
+    if space.inputs[given:] != ports:
+        raise ValueError(f"a loop with friction is closed with {ports} as its last inputs, not {space.inputs[given:]}")
+    rows = [space.outputs.index(port) for port in ports]
+    first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
+    weights = np.ones(loop.plant_size)
+    # a mode's states are (s p, p') with s' = s p' and p'' = -omega^2 / s (s p)
+    weights[first] = -plant.a[second, first] / plant.a[first, second]
+    dampers = np.zeros((loop.plant_size, loop.plant_size))
+    dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
+    slides = np.zeros((len(ports), len(space.a)))
+    slides[:, : loop.plant_size] = plant.c[[plant.outputs.index(port) for port in ports]] @ plant.a if rows else 0.0
+    return RubbingLoop(
+        loop=loop,
+        laws=tuple(train.friction for train in loop.trains if train.friction is not None),
+        slides=slides,
+        drag=space.b[:, given:],
+        given=given,
+        sets=len(set_ports(loop.trains)),
+        weights=weights,
+        dampers=dampers,
+    )

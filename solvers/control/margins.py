@@ -1,0 +1,163 @@
+"""How far control loops are from instability, and how fast they follow, from frequency responses with exact dead times."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_port
+from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+LOWEST_HZ = 0.1
+POINTS = 4000
+HALF = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class LoopMargins:
+    """Figures of one drive's loop, opened at its force while the others stay closed; None where the response has no such point.
+
+    Attributes:
+        drive: Its name.
+        gain: Factor by which its gains may rise [-].
+        gain_hz: Where the phase is -180 degrees there [Hz].
+        lowest_gain: Factor to which they may fall, where too small ones are unstable too [-].
+        phase_deg: Phase that may be lost, least over all crossings of gain one [degrees].
+        phase_hz: Where [Hz].
+        sensitivity: Largest ``|1 / (1 + L)|``: the inverse is the distance from instability.
+        sensitivity_hz: Where [Hz].
+        bandwidth_hz: Where the measured position first falls 3 dB below its set point [Hz].
+        resonance: Largest measured position over set point [-].
+    """
+
+    drive: str
+    gain: float | None
+    gain_hz: float | None
+    lowest_gain: float | None
+    phase_deg: float | None
+    phase_hz: float | None
+    sensitivity: float
+    sensitivity_hz: float
+    bandwidth_hz: float | None
+    resonance: float
+
+
+def find_margins(
+    system: SecondOrderSystem, trains: Sequence[DriveTrain], *, to_hz: float, around_hz: FloatArray | None = None
+) -> tuple[LoopMargins, ...]:
+    """Margins and bandwidth of every drive.
+
+    Args:
+        system: From ``free_motors``.
+        trains: Its drives.
+        to_hz: Highest frequency looked at [Hz].
+        around_hz: Frequencies beside which the grid is finer, such as those of the poles [Hz].
+
+    Source: Franklin, Powell and Emami-Naeini (2019), sections 6.4 and 6.7.
+    """
+    frequencies = _grid(to_hz, around_hz)
+    forces = [(train.name, FORCE) for train in trains]
+    seen = [measured_port(train) for train in trains] + [(train.name, MOTOR) for train in trains]
+    found = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies).receptance
+    omega, count = 2.0 * np.pi * frequencies, len(trains)
+    paths = [control_paths(train.control, omega) for train in trains]
+    # force each controller answers a unit drive force with, sign turned: L(i, j)
+    fed = np.stack([kv * found[:, i] + 1j * omega[:, None] * found[:, count + i] for i, (_, _, kv) in enumerate(paths)], axis=1)
+    loops = np.stack([paths[i][0][:, None] * fed[:, i] for i in range(count)], axis=1)
+    follow = _follow(loops, found[:, :count], np.stack([set_path for _, set_path, _ in paths], axis=1))
+    return tuple(
+        _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number])) for number, train in enumerate(trains)
+    )
+
+
+def control_paths(control: AxisControl, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
+    """Of a controller: force per velocity error, force per set position with its feed-forward, and kv. The dead time is exact."""
+    s = 1j * omega
+    late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
+    # an infinite time times a frequency is no complex number
+    inner = control.velocity_gain * (1.0 + (1.0 / control.integral_time) / s)
+    ahead = (control.position_gain + s * control.velocity_feed_forward) * inner + s**2 * control.acceleration_feed_forward
+    return late * inner, late * ahead, control.position_gain
+
+
+def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:
+    """Measured position of each drive per set position of its own ``(n_freq, n_drives)``."""
+    count = loops.shape[1]
+    forces = np.linalg.solve(np.eye(count) + loops, ahead[:, :, None] * np.eye(count))
+    return np.asarray(np.einsum("fij,fji->fi", motion, forces))
+
+
+def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
+    """Loop of one drive with the others closed ``(n_freq,)``."""
+    others = [i for i in range(loops.shape[1]) if i != number]
+    own = loops[:, number, number]
+    if not others:
+        return np.asarray(own)
+    rest = loops[:, others][:, :, others] + np.eye(len(others))
+    through = np.linalg.solve(rest, loops[:, others, number][..., None])[..., 0]
+    return np.asarray(own - np.einsum("fi,fi->f", loops[:, number, others], through))
+
+
+def _judge(name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray) -> LoopMargins:
+    crossings = _real_crossings(frequencies, loop)
+    gain, gain_hz = min(((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None))
+    phase, phase_hz = _phase_margin(frequencies, loop)
+    sensitivity = 1.0 / np.abs(1.0 + loop)
+    worst = int(np.argmax(sensitivity))
+    below = np.flatnonzero(follow < HALF)
+    return LoopMargins(
+        drive=name,
+        gain=gain,
+        gain_hz=gain_hz,
+        lowest_gain=max((1.0 / size for size, _ in crossings if size > 1.0), default=None),
+        phase_deg=phase,
+        phase_hz=phase_hz,
+        sensitivity=float(sensitivity[worst]),
+        sensitivity_hz=float(frequencies[worst]),
+        bandwidth_hz=_crossing(frequencies, follow - HALF, int(below[0])) if len(below) and below[0] > 0 else None,
+        resonance=float(follow.max()),
+    )
+
+
+def _real_crossings(frequencies: FloatArray, loop: ComplexArray) -> list[tuple[float, float]]:
+    """Size and frequency [Hz] wherever the loop crosses the negative real axis."""
+    crossed = np.flatnonzero((np.sign(loop.imag[:-1]) != np.sign(loop.imag[1:])) & (loop.real[:-1] < 0.0) & (loop.real[1:] < 0.0))
+    found = []
+    for place in crossed:
+        share = float(loop.imag[place] / (loop.imag[place] - loop.imag[place + 1]))
+        size = -float(loop.real[place] + share * (loop.real[place + 1] - loop.real[place]))
+        found.append((size, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))))
+    return found
+
+
+def _phase_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | None, float | None]:
+    size = np.abs(loop) - 1.0
+    crossed = np.flatnonzero(np.sign(size[:-1]) != np.sign(size[1:]))
+    best: tuple[float | None, float | None] = (None, None)
+    for place in crossed:
+        share = size[place] / (size[place] - size[place + 1])
+        value = loop[place] + share * (loop[place + 1] - loop[place])
+        margin = 180.0 - abs(math.degrees(math.atan2(value.imag, value.real)))
+        if best[0] is None or margin < best[0]:
+            best = margin, float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
+    return best
+
+
+def _crossing(frequencies: FloatArray, values: FloatArray, place: int) -> float:
+    share = values[place - 1] / (values[place - 1] - values[place])
+    return float(frequencies[place - 1] + share * (frequencies[place] - frequencies[place - 1]))
+
+
+def _grid(to_hz: float, around_hz: FloatArray | None) -> FloatArray:
+    """Even on a logarithmic axis, and finer beside given frequencies."""
+    base = np.geomspace(min(LOWEST_HZ, 0.01 * to_hz), to_hz, POINTS)
+    if around_hz is None:
+        return np.asarray(base, dtype=float)
+    near = np.asarray(around_hz)[(np.asarray(around_hz) > 0.0) & (np.asarray(around_hz) < to_hz)]
+    spread = np.concatenate([-np.geomspace(1e-5, 0.05, 25), np.geomspace(1e-5, 0.05, 25)])
+    every = np.concatenate([base, (near[:, None] * (1.0 + spread)).ravel()])
+    return np.asarray(np.unique(every[every <= to_hz]), dtype=float)

@@ -1,0 +1,179 @@
+"""Poles of a machine under control: which grow, whose loop makes them, and how much gain would be stable."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl
+from headstock.solvers.control.dead_time import LARGEST_ANGLE
+from headstock.solvers.control.drive_loops import ClosedLoop, close_loops, close_plant, open_plant
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.errors import UnstableControlError
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+
+GROWING = 1e-9  # a real part below this share of a pole's size is roundoff
+AT_REST = 1e-7  # poles below this share of the machine's fastest are at rest: free bodies that no drive holds
+BISECTIONS = 30
+STEP_DOWN, SMALLEST_SCALE = 0.7, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LoopPoles:
+    """Poles of a closed loop, rising in size; conjugate pairs stand once, with the pole above the real axis.
+
+    Attributes:
+        poles: ``(m,)`` [rad/s].
+        frequencies_hz: ``(m,)`` ``Im / (2 pi)``, zero for real poles.
+        damping_ratios: ``(m,)`` ``-Re / |pole|``.
+        shapes: ``(n, m)`` states of the machine.
+        drives: ``(m,)`` the drive whose motor takes or gives most power in each.
+        modes: ``(m,)`` the open-loop mode of the machine (free motors) with most energy in each.
+        limit_hz: Beyond this frequency a dead time is not known, and nothing is said of stability; infinite without one.
+    """
+
+    poles: ComplexArray
+    frequencies_hz: FloatArray
+    damping_ratios: FloatArray
+    shapes: ComplexArray
+    drives: tuple[str, ...]
+    modes: tuple[int, ...]
+    limit_hz: float
+
+    def growing(self) -> list[int]:
+        """Which poles grow, fastest growth first."""
+        judged = np.flatnonzero((self.poles.real > GROWING * np.abs(self.poles)) & (self.frequencies_hz <= self.limit_hz))
+        return [int(index) for index in judged[np.argsort(-self.poles[judged].real)]]
+
+
+def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
+    """All poles of a closed loop but those of free bodies at rest."""
+    poles, vectors = scipy.linalg.eig(loop.space.a, check_finite=False)
+    real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
+    floor = AT_REST * float(np.abs(np.linalg.eigvals(loop.plant.a)).max(initial=0.0))
+    # a machine that floats has double poles at zero, which rounding splits
+    kept = np.flatnonzero((real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if has_free_motions(loop) else 0.0)))
+    kept = kept[np.argsort(np.abs(poles[kept]), kind="stable")]
+    poles = np.where(real, poles.real + 0.0j, poles)[kept]
+    shapes = vectors[:, kept]
+    forces = loop.space.c[-len(loop.trains) :] @ shapes
+    power = np.abs(forces * (loop.rates @ shapes))
+    energy = np.abs(shapes[: loop.plant_size]) ** 2
+    modal = energy.reshape(-1, 2, len(kept)).sum(axis=1) if loop.plant_size else energy
+    return LoopPoles(
+        poles=poles,
+        frequencies_hz=np.where(real[kept], 0.0, poles.imag / (2.0 * math.pi)),
+        damping_ratios=-poles.real / np.where(np.abs(poles) > 0.0, np.abs(poles), 1.0),
+        shapes=shapes[: loop.plant_size],
+        drives=tuple(loop.trains[int(place)].name for place in np.argmax(power, axis=0)),
+        modes=tuple(int(mode) for mode in np.argmax(modal, axis=0)),
+        limit_hz=dead_time_limit(loop.trains),
+    )
+
+
+def dead_time_limit(trains: Sequence[DriveTrain]) -> float:
+    """Up to which frequency the dead times of all drives are right [Hz]; infinite without any."""
+    longest = max((train.control.dead_time for train in trains), default=0.0)
+    return math.inf if longest == 0.0 else LARGEST_ANGLE / (2.0 * math.pi * longest)
+
+
+def require_stable(
+    system: SecondOrderSystem, trains: Sequence[DriveTrain], loop: ClosedLoop | None = None, poles: LoopPoles | None = None
+) -> LoopPoles:
+    """The poles of a stable loop.
+
+    Args:
+        system: From ``free_motors``.
+        trains: Its drives.
+        loop: As closed, where it is known.
+        poles: Its poles, where they are known.
+
+    Raises:
+        UnstableControlError: A pole grows; names its axis, its frequency and the largest stable gain.
+    """
+    loop = loop or close_loops(system, trains)
+    poles = poles or find_loop_poles(loop)
+    growing = poles.growing()
+    if not growing:
+        return poles
+    worst = growing[0]
+    train = next(train for train in trains if train.name == poles.drives[worst])
+    rate, hz = float(poles.poles[worst].real), float(poles.frequencies_hz[worst])
+    motion = f"a motion at {hz:.4g} Hz grows by e in {1.0 / rate:.3g} s (damping {100.0 * poles.damping_ratios[worst]:.3g} %)"
+    if hz == 0.0:
+        motion = f"a motion without oscillation grows by e in {1.0 / rate:.3g} s"
+    raise UnstableControlError(
+        f"the control of axis {train.axis} is unstable: {motion}; {_advise(system, tuple(trains), train)}",
+        axis=train.axis,
+        frequency_hz=hz,
+    )
+
+
+def find_largest_gain(
+    system: SecondOrderSystem, trains: Sequence[DriveTrain], name: str, change: Callable[[AxisControl, float], AxisControl]
+) -> float | None:
+    """The largest scale up to one of a drive's gain at which no pole grows, by bisection; None where none was found.
+
+    Args:
+        system: From ``free_motors``.
+        trains: All drives; the others stay as they are.
+        name: The drive.
+        change: Its controller at a scale.
+    """
+    plant = open_plant(system, trains)
+
+    def stable(scale: float) -> bool:
+        changed = [
+            dataclasses.replace(train, control=change(train.control, scale)) if train.name == name else train for train in trains
+        ]
+        return not find_loop_poles(close_plant(plant, changed)).growing()
+
+    high, low = 1.0, STEP_DOWN
+    while not stable(low):
+        high, low = low, STEP_DOWN * low
+        if low < SMALLEST_SCALE:
+            return None
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+        if high - low < 1e-4 * high:
+            break
+    return low
+
+
+def scale_position_gain(control: AxisControl, scale: float) -> AxisControl:
+    """The controller with another kv."""
+    return dataclasses.replace(control, position_gain=scale * control.position_gain)
+
+
+def scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
+    """The controller with another velocity gain, and position control that hardly acts: its velocity loop by itself."""
+    slow = SMALLEST_SCALE * control.position_gain
+    return dataclasses.replace(control, velocity_gain=scale * control.velocity_gain, position_gain=slow)
+
+
+def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: DriveTrain) -> str:
+    gains = train.control
+    scale = find_largest_gain(system, trains, train.name, scale_position_gain)
+    if scale is not None:
+        return (
+            f"the largest stable kv found is {scale * gains.position_gain:.4g} 1/s, and {gains.position_gain:.4g} 1/s is asked for"
+        )
+    scale = find_largest_gain(system, trains, train.name, scale_velocity_gain)
+    if scale is not None:
+        return (
+            f"its velocity loop is so by itself: the largest stable velocity_gain found is {scale * gains.velocity_gain:.4g} N s/m along the axis, and "
+            f"{gains.velocity_gain:.4g} N s/m is asked for"
+        )
+    return "no smaller kv or velocity_gain is stable either; check encoder, dead time, and the damping of the machine"
+
+
+def has_free_motions(loop: ClosedLoop) -> bool:
+    """Whether more motions of the machine are free than its drives hold."""
+    # each mode is (s p, p') with p'' = -omega^2 p
+    restoring = loop.plant.a[1::2, 0::2].diagonal()
+    return int(np.count_nonzero(restoring == 0.0)) > len(loop.trains)

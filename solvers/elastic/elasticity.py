@@ -1,0 +1,262 @@
+"""Stiffness and mass of a meshed component: linear elasticity with dolfinx, distributed over a communicator."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import fem, la
+from dolfinx.io import gmshio
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.materials import Material
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.solvers.elastic.form_cache import compile_form
+from headstock.solvers.errors import AccuracyError
+from headstock.solvers.ranks import sum_over_ranks
+
+CELL_TYPES = {
+    "tet4": ("tetrahedron", 1),
+    "tet10": ("tetrahedron", 2),
+    "hex8": ("hexahedron", 1),
+    "hex27": ("hexahedron", 2),
+}
+CORNERS = {"tetrahedron": 4, "hexahedron": 8}
+ROWS_AT_A_TIME = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticOperators:
+    """Stiffness and mass of one component, rows distributed over the ranks of a communicator.
+
+    Each rank owns whole nodes. ``(3 n_owned, k)`` blocks of vectors are ordered node by node, x y z.
+
+    Attributes:
+        comm: Communicator the rows are distributed over.
+        nodes: ``(n_owned,)`` mesh point behind each owned node.
+        points: ``(n_owned, 3)`` their coordinates [m].
+        stiffness: ``(3 n_owned, 3 n_local)`` in 3 x 3 blocks [N/m]; columns of owned nodes first, then ghosts.
+        scalar_mass: ``(n_owned, n_local)`` mass per direction [kg], or None when nothing dynamic is asked for.
+        column_map: Which node stands behind each column of the matrices, owned ones first (a dolfinx index map).
+        total_nodes: Number of mesh points over all ranks.
+        element_order: Order of the displacement field.
+        stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
+        row_sizes: ``(3 n_owned,)`` sums of the absolute values in each row of the stiffness [N/m].
+        translation_noise: ``(n_owned, 3, 3)`` sums of each row of stiffness blocks [N/m]. A uniform translation causes no force, so
+            these are what rounding left; a thin sheet would feel them like springs to the ground.
+    """
+
+    comm: MPI.Comm
+    nodes: IntArray
+    points: FloatArray
+    stiffness: scipy.sparse.bsr_matrix
+    scalar_mass: scipy.sparse.csr_matrix | None
+    column_map: Any
+    total_nodes: int
+    element_order: int
+    stiffness_scale: float
+    row_sizes: FloatArray
+    translation_noise: FloatArray
+
+    @property
+    def owned_dofs(self) -> int:
+        """Number of displacement dofs this rank owns."""
+        return 3 * len(self.nodes)
+
+    def apply_stiffness(self, vectors: FloatArray) -> FloatArray:
+        """``K x`` for a block of owned vectors ``(3 n_owned, k)``, less what rounding of K makes of uniform translations."""
+        count = vectors.shape[1]
+        if count == 0:
+            return np.zeros(vectors.shape)
+        forces = np.asarray(self.stiffness @ self._with_ghosts(vectors))
+        forces -= (self.translation_noise @ vectors.reshape(-1, 3, count)).reshape(-1, count)
+        return forces
+
+    def apply_stiffness_precisely(self, vectors: FloatArray) -> FloatArray:
+        """The same with products and sums in extended precision: where forces of a thin part all but cancel, for several times the time.
+
+        Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1, on residuals of iterative refinement.
+        """
+        count = vectors.shape[1]
+        if count == 0:
+            return np.zeros(vectors.shape)
+        whole = self._with_ghosts(vectors).astype(np.longdouble)
+        own = vectors.reshape(-1, 3, count).astype(np.longdouble)
+        forces = np.zeros(own.shape)
+        matrix = self.stiffness
+        for first in range(0, len(own), ROWS_AT_A_TIME):
+            last = min(first + ROWS_AT_A_TIME, len(own))
+            pointers = matrix.indptr[first : last + 1]
+            entries = slice(pointers[0], pointers[-1])
+            rows = scipy.sparse.bsr_matrix(
+                (matrix.data[entries].astype(np.longdouble), matrix.indices[entries], pointers - pointers[0]),
+                shape=(3 * (last - first), matrix.shape[1]),
+            )
+            forces[first:last] = (rows @ whole).reshape(-1, 3, count) - self.translation_noise[first:last] @ own[first:last]
+        return forces.reshape(vectors.shape)
+
+    def energy_roundoff(self, vectors: FloatArray) -> FloatArray:
+        """What rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at most ``eps |x|^T |K| |x|`` (Gershgorin)."""
+        return np.asarray(np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2))
+
+    def apply_mass(self, vectors: FloatArray) -> FloatArray:
+        """``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x, y and z."""
+        if self.scalar_mass is None:
+            raise AccuracyError("the mass matrix was not assembled, yet a dynamic quantity was asked for")
+        count = vectors.shape[1]
+        if count == 0:
+            return np.zeros(vectors.shape)
+        local = self._with_ghosts(vectors).reshape(-1, 3 * count)
+        return np.asarray(self.scalar_mass @ local).reshape(-1, count)
+
+    def _with_ghosts(self, vectors: FloatArray) -> FloatArray:
+        if self.comm.size == 1:
+            return np.ascontiguousarray(vectors)
+        count = vectors.shape[1]
+        buffer = la.vector(self.column_map, bs=3 * count)
+        buffer.array[: vectors.size] = vectors.ravel()
+        buffer.scatter_forward()
+        return np.array(buffer.array).reshape(-1, count)
+
+
+def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, with_mass: bool) -> ElasticOperators:
+    """Stiffness and, when asked for, mass of a component.
+
+    Args:
+        mesh: The same mesh on every rank.
+        material: Isotropic material.
+        comm: Communicator to distribute over; collective.
+        with_mass: Assemble the mass too.
+
+    Raises:
+        AccuracyError: The assembled operators fail their symmetry or mass check.
+
+    Source: Hughes, The Finite Element Method (1987), ch. 3; consistent mass.
+    """
+    shape, order = CELL_TYPES[mesh.kind]
+    domain, cell_nodes = _distribute_mesh(mesh, comm)
+    space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order, shape=(3,)))
+    scalar = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, order))
+    if not np.array_equal(space.dofmap.list, scalar.dofmap.list):
+        raise AccuracyError("vector and scalar dofs are numbered differently; the scalar mass cannot serve the displacement")
+    node_map = space.dofmap.index_map
+    owned = node_map.size_local
+    nodes = np.full(owned + node_map.num_ghosts, -1, dtype=np.int64)
+    nodes[space.dofmap.list] = cell_nodes[domain.topology.original_cell_index]
+    stiffness, column_map = _assemble_stiffness(space, material, _stiffness_degree(mesh, order))
+    mass = _assemble_mass(scalar, material, _mass_degree(mesh, order)) if with_mass else None
+    sizes, noise = _measure_rows(stiffness)
+    operators = ElasticOperators(
+        comm=comm,
+        nodes=nodes[:owned],
+        points=mesh.points[nodes[:owned]],
+        stiffness=stiffness,
+        scalar_mass=mass,
+        column_map=column_map,
+        total_nodes=node_map.size_global,
+        element_order=order,
+        stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
+        row_sizes=sizes,
+        translation_noise=noise,
+    )
+    _check_operators(operators, mesh, material)
+    return operators
+
+
+def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[Any, IntArray]:
+    shape, order = CELL_TYPES[mesh.kind]
+    permutation = gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
+    cells = np.ascontiguousarray(mesh.cells[:, permutation])
+    # every rank hands in its share of the cells and points; dolfinx repartitions them
+    first, last = (len(cells) * np.array([comm.rank, comm.rank + 1])) // comm.size
+    if mesh.straight or order == 1:
+        corners, geometry_cells = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
+        points, geometry_cells = mesh.points[corners], geometry_cells.reshape(len(cells), -1)
+        geometry_order = 1
+    else:
+        points, geometry_cells, geometry_order = mesh.points, cells, order
+    low, high = (len(points) * np.array([comm.rank, comm.rank + 1])) // comm.size
+    element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
+    domain = dolfinx.mesh.create_mesh(comm, geometry_cells[first:last].astype(np.int64), points[low:high], element)
+    return domain, cells
+
+
+def _assemble_stiffness(space: Any, material: Material, degree: int) -> tuple[scipy.sparse.bsr_matrix, Any]:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    young, poisson = float(material.youngs_modulus), float(material.poisson_ratio)
+    shear = fem.Constant(space.mesh, young / (2.0 * (1.0 + poisson)))
+    lame = fem.Constant(space.mesh, young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)))
+    strain_u, strain_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    stress = 2.0 * shear * strain_u + lame * ufl.tr(strain_u) * ufl.Identity(3)
+    form = compile_form(ufl.inner(stress, strain_v) * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    matrix = fem.create_matrix(form, block_mode=la.BlockMode.compact)
+    fem.assemble_matrix(matrix, form)
+    matrix.scatter_reverse()
+    # the sparsity pattern may hold more ghosts than the space, so the columns have a map of their own
+    return _owned_rows(matrix, 3), matrix.index_map(1)
+
+
+def _assemble_mass(space: Any, material: Material, degree: int) -> scipy.sparse.csr_matrix:
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    density = fem.Constant(space.mesh, float(material.density))
+    form = compile_form(density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
+    matrix = fem.create_matrix(form)
+    fem.assemble_matrix(matrix, form)
+    matrix.scatter_reverse()
+    return _owned_rows(matrix, 1)
+
+
+def _owned_rows(matrix: Any, block: int) -> Any:
+    rows = matrix.index_map(0).size_local
+    columns = matrix.index_map(1).size_local + matrix.index_map(1).num_ghosts
+    # copies: the arrays of a dolfinx matrix die with it
+    pointers = np.array(matrix.indptr[: rows + 1])
+    entries = pointers[-1]
+    indices = np.array(matrix.indices[:entries])
+    if block == 1:
+        return scipy.sparse.csr_matrix((matrix.data[:entries].copy(), indices, pointers), shape=(rows, columns))
+    data = matrix.data[: entries * block * block].reshape(-1, block, block).copy()
+    return scipy.sparse.bsr_matrix((data, indices, pointers), shape=(block * rows, block * columns))
+
+
+def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, FloatArray]:
+    """Sums of absolute values by row ``(3 n_owned,)``, and symmetric sums of blocks by row of blocks ``(n_owned, 3, 3)``."""
+    pointers, rows = stiffness.indptr, len(stiffness.indptr) - 1
+    sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))
+    for first in range(0, rows, ROWS_AT_A_TIME):
+        last = min(first + ROWS_AT_A_TIME, rows)
+        starts, data = pointers[first:last] - pointers[first], stiffness.data[pointers[first] : pointers[last]]
+        sizes[first:last] = np.add.reduceat(np.abs(data).sum(axis=2), starts)
+        # in double precision this sum would itself round by as much as it is to find
+        sums[first:last] = np.add.reduceat(data.astype(np.longdouble), starts)
+    return sizes.ravel(), 0.5 * (sums + sums.transpose(0, 2, 1))
+
+
+def _stiffness_degree(mesh: ComponentMesh, order: int) -> int:
+    # exact on affine tets; curved and hexahedral maps are rational and get the customary full rule
+    if mesh.kind.startswith("tet"):
+        return 2 * (order - 1) if mesh.straight or order == 1 else 4
+    return 2 * order + 1 if order == 1 else 5
+
+
+def _mass_degree(mesh: ComponentMesh, order: int) -> int:
+    if mesh.kind.startswith("tet"):
+        return 2 * order if mesh.straight or order == 1 else 7
+    return 2 * order + 1 if mesh.straight else 7
+
+
+def _check_operators(operators: ElasticOperators, mesh: ComponentMesh, material: Material) -> None:
+    comm = operators.comm
+    scale = operators.stiffness_scale
+    image = comm.allreduce(float(np.abs(operators.translation_noise).max(initial=0.0)), op=MPI.MAX)
+    if not np.isfinite(image) or image > 1e-9 * scale:
+        raise AccuracyError(f"a rigid translation causes forces: {image:.3g} N/m against a largest stiffness of {scale:.3g} N/m")
+    if operators.scalar_mass is not None:
+        mass = comm.allreduce(float(operators.scalar_mass.sum()), op=MPI.SUM)
+        expected = material.density * mesh.quality.volume
+        if not abs(mass - expected) < 1e-8 * expected:
+            raise AccuracyError(f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg")

@@ -1,0 +1,215 @@
+"""Sparse Cholesky factorisation of a component's stiffness with some dofs held: factor once, solve many."""
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from dolfinx import la
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from headstock.geometry.errors import lacks_memory, out_of_memory
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.elastic.nested_dissection import dissect_nodes
+from headstock.solvers.errors import ConvergenceError
+
+# MUMPS: 60 % more workspace than estimated avoids a second try
+MUMPS_OUT_OF_MEMORY = (-5, -7, -13)
+MUMPS_OPTIONS = {"mat_mumps_icntl_14": 60, "mat_mumps_icntl_24": 0}
+# every factor as L L^T: a simplicial L D L^T would take an indefinite matrix without a word
+CHOLMOD_OPTIONS = {"mat_cholmod_supernodal_switch": 0, "mat_cholmod_print": 0}
+# 4 is PORD, by far the best ordering in builds without METIS; but where all dofs meet in one element, PORD ends the process,
+# so small matrices get 0, approximate minimum degree
+PORD, MINIMUM_DEGREE = 4, 0
+SMALL_MATRIX = 2000
+
+
+class Factorization:
+    """Cholesky factors of ``K_ff``, the stiffness between the dofs that are not held.
+
+    Collective over the operators' communicator. Blocks of vectors span all owned dofs ``(3 n_owned, k)``; entries on held
+    dofs are ignored in right-hand sides and zero in solutions.
+
+    Args:
+        operators: Stiffness of the component.
+        held: ``(3 n_owned,)`` dofs that do not move.
+
+    Raises:
+        ConvergenceError: ``K_ff`` is not positive definite or does not fit into memory.
+    """
+
+    def __init__(self, operators: ElasticOperators, held: BoolArray) -> None:
+        self._comm = operators.comm
+        self._free, self._ordered = _elimination_order(operators, held)
+        self._owned = len(held)
+        self.free_total = int(self._comm.allreduce(len(self._free)))
+        self._factor: PETSc.Mat | None = None
+        if self.free_total:
+            self._matrix = free_block(operators, held, operators.stiffness, order=self._free)
+            self._matrix.setOption(PETSc.Mat.Option.SPD, True)
+            self._factor = _factorize(self._matrix, self._comm, ordered=self._ordered)
+
+    def solve(self, loads: FloatArray) -> FloatArray:
+        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, held dofs zero."""
+        result = np.zeros(loads.shape)
+        if self._factor is None or loads.shape[1] == 0:
+            return result
+        right = np.asfortranarray(loads[self._free])
+        left = np.zeros(right.shape, order="F")
+        rows = (len(self._free), self.free_total)
+        columns = (PETSc.DECIDE, loads.shape[1])
+        given = PETSc.Mat().createDense((rows, columns), array=right, comm=self._comm)
+        found = PETSc.Mat().createDense((rows, columns), array=left, comm=self._comm)
+        for matrix in (given, found):
+            matrix.assemble()
+        self._factor.matSolve(given, found)
+        result[self._free] = found.getDenseArray()
+        given.destroy()
+        found.destroy()
+        if not np.isfinite(self._comm.allreduce(float(np.abs(result).sum()))):
+            raise ConvergenceError("the factorised stiffness returned values that are not finite: the component is held too weakly")
+        return result
+
+    def close(self) -> None:
+        """Release the factors."""
+        if self._factor is not None:
+            self._factor.destroy()
+            self._matrix.destroy()
+            self._factor = None
+
+    def __enter__(self) -> "Factorization":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def free_block(
+    operators: ElasticOperators, held: BoolArray, matrix: scipy.sparse.spmatrix, *, order: NDArray[np.int64] | None = None
+) -> PETSc.Mat:
+    """Upper triangle, between the dofs that are not held, of a matrix distributed like the stiffness; the caller destroys it.
+
+    Args:
+        operators: How rows and columns are distributed.
+        held: ``(3 n_owned,)`` dofs to leave out.
+        matrix: ``(3 n_owned, 3 n_local)`` symmetric over all ranks.
+        order: The owned dofs that are not held, as they are to follow each other; rising when left out.
+    """
+    comm = operators.comm
+    free = np.flatnonzero(~held) if order is None else order
+    total = int(comm.allreduce(len(free)))
+    csr = _upper_rows(scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)), free, _free_numbers(operators, held, free))
+    block = PETSc.Mat().createSBAIJ(((len(free), total), (len(free), total)), 1, csr=csr, comm=comm)
+    block.assemble()
+    return block
+
+
+def _free_numbers(operators: ElasticOperators, held: BoolArray, free: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Number over all ranks of each local dof among those that are not held; -1 for held ones."""
+    comm: Any = operators.comm  # mpi4py's types leave out exscan
+    offset = int(comm.exscan(len(free)) or 0)
+    numbers = la.vector(operators.column_map, bs=3, dtype=np.int32)
+    local = np.full(len(held), -1, dtype=np.int32)
+    local[free] = offset + np.arange(len(free))
+    numbers.array[: len(held)] = local
+    numbers.scatter_forward()
+    return np.array(numbers.array)
+
+
+def _upper_rows(
+    matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatArray]:
+    """Rows of free dofs and columns at or above the diagonal, as row pointers, sorted column numbers and values."""
+    nodes = numbers.reshape(-1, 3)
+    lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[: len(matrix.indptr) - 1]
+    # whole blocks first: half of them lie below the diagonal
+    above = nodes.max(axis=1)[matrix.indices] >= np.repeat(lowest, np.diff(matrix.indptr))
+    pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[matrix.indptr]
+    rows = scipy.sparse.bsr_matrix((matrix.data[above], matrix.indices[above], pointers), shape=matrix.shape).tocsr()[free]
+    columns = numbers[rows.indices]
+    above = columns >= np.repeat(numbers[free], np.diff(rows.indptr))
+    pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[rows.indptr]
+    shape = (len(free), int(numbers.max(initial=0)) + 1)
+    upper = scipy.sparse.csr_matrix((rows.data[above], columns[above], pointers), shape=shape)
+    upper.sort_indices()
+    return upper.indptr, upper.indices, upper.data
+
+
+def _elimination_order(operators: ElasticOperators, held: BoolArray) -> tuple[NDArray[np.int64], bool]:
+    """Dofs that are not held, and whether they come in a good order for a factorisation already."""
+    if operators.comm.size == 1 and _has_cholmod():
+        stiffness = operators.stiffness
+        count = len(held) // 3
+        graph = scipy.sparse.csr_matrix(
+            (np.ones(len(stiffness.indices), dtype=np.int8), stiffness.indices, stiffness.indptr), (count, count)
+        )
+        nodes = np.flatnonzero(~held.reshape(-1, 3).all(axis=1))
+        order = dissect_nodes(graph[nodes][:, nodes])
+        if order is not None:
+            dofs = (3 * nodes[order][:, None] + np.arange(3)).ravel()
+            return dofs[~held[dofs]], True
+    return np.flatnonzero(~held), False
+
+
+def _has_cholmod() -> bool:
+    return bool(PETSc.Sys.hasExternalPackage("cholmod"))
+
+
+def ordering_option(matrix: PETSc.Mat) -> dict[str, int]:
+    """Which ordering MUMPS is to use for a matrix."""
+    return {"mat_mumps_icntl_7": MINIMUM_DEGREE if matrix.getSize()[0] < SMALL_MATRIX else PORD}
+
+
+def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.Mat:
+    """Cholesky factor of a matrix, which is used up: CHOLMOD on one rank, MUMPS on several and where CHOLMOD gives up."""
+    if comm.size == 1 and _has_cholmod():
+        try:
+            return _factorize_with("cholmod", matrix, CHOLMOD_OPTIONS | {"mat_cholmod_nmethods": int(ordered)}, given=ordered)
+        except PETSc.Error:
+            # not positive definite, or more than 2^31 factor entries: MUMPS takes these, and its message names the reason
+            pass
+    try:
+        factor = _factorize_with("mumps", matrix, MUMPS_OPTIONS | ordering_option(matrix))
+    except PETSc.Error as error:
+        if lacks_memory(error):
+            raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs") from error
+        raise ConvergenceError(f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {error}") from error
+    status = factor.getMumpsInfog(1)
+    if status in MUMPS_OUT_OF_MEMORY:
+        raise out_of_memory(f"the factorisation of a stiffness with {matrix.getSize()[0]} dofs")
+    if status < 0:
+        reason = {-9: "workspace too small", -10: "numerically singular", -40: "not positive definite"}
+        raise ConvergenceError(
+            f"factorisation of a stiffness with {matrix.getSize()[0]} dofs failed: {reason.get(status, 'MUMPS INFOG(1)')} "
+            f"({status}); check that the component is held and its elements are sound"
+        )
+    negative = factor.getMumpsInfog(12)
+    if negative:
+        # MUMPS takes an indefinite matrix as a positive definite one without a word, but counts its negative pivots
+        raise ConvergenceError(
+            f"a stiffness with {matrix.getSize()[0]} dofs is not positive definite: {negative} negative pivot(s); check that the "
+            "component is held and its elements are sound"
+        )
+    return factor
+
+
+def _factorize_with(package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False) -> PETSc.Mat:
+    pc = PETSc.PC().create(matrix.getComm())
+    pc.setOptionsPrefix("headstock_")
+    options = PETSc.Options("headstock_")
+    for name, value in settings.items():
+        options[name] = value
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType(package)
+    if given:
+        pc.setFactorOrdering(PETSc.Mat.OrderingType.NATURAL)
+    pc.setFromOptions()
+    pc.setUp()
+    factor = pc.getFactorMatrix()
+    pc.destroy()
+    return factor

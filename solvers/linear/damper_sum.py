@@ -1,0 +1,229 @@
+"""Frequency response of a system whose modes are coupled by few dampers: a sum over undamped modes and a small solve per frequency."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpstrf, dsyevd
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.linear.lower_poles import Inverse, find_lower_poles, state_eigenpairs
+from headstock.solvers.linear.modal_coordinates import ModalCoordinates, damps_rigid_motion
+from headstock.solvers.linear.response_forms import SINGULAR, UNSEEN, RestTerms, rest_terms
+from headstock.solvers.second_order import ComplexArray
+
+LARGEST_RANK = 1.0 / 8.0  # dampers over modes: from here on a sum over poles costs no more
+ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping may leave
+NEAR = 1e-3  # |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many digits
+PEAK_TOLERANCE, PEAK_SHARE = 1e-6, 0.1  # of a pole and of its half-width, where it only says where a peak is
+BLOCK = 4_000_000  # entries of the products of dampers that are held at a time
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledDampers:
+    """Damping in modal coordinates as ``diag(diagonal) + factors diag(strengths) factors^T``.
+
+    Attributes:
+        diagonal: ``(m,)``.
+        factors: ``(m, r)``.
+        strengths: ``(r,)``.
+    """
+
+    diagonal: FloatArray
+    factors: FloatArray
+    strengths: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DamperSum:
+    """``L (diag(omega_k^2 - omega^2 + i (omega c_k + h_k)) + i (omega C + H))^-1 B`` with C and H of few dampers.
+
+    Attributes:
+        squares: ``(m,)`` omega^2 [rad^2/s^2] of the modes that take part: all elastic ones, and rigid-body modes that are damped.
+        loads: ``(m, n_inputs)``.
+        rows: ``(n_outputs, m)``.
+        viscous: Viscous dampers.
+        hysteretic: Losses of stiffness.
+        rest: Rigid-body motion and residual flexibility.
+    """
+
+    squares: FloatArray
+    loads: FloatArray
+    rows: FloatArray
+    viscous: CoupledDampers
+    hysteretic: CoupledDampers
+    rest: RestTerms
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an undamped pole that is seen."""
+        lines = max(1, BLOCK // max(1, len(self.squares)))
+        parts = [self._evaluate_block(omega[start : start + lines]) for start in range(0, len(omega), lines)]
+        return np.concatenate(parts) + self.rest.evaluate(omega)
+
+    def poles(self, below: float | None = None) -> ComplexArray:
+        """Poles at positive frequencies, and real ones [rad/s]; structural damping as a viscous one of the same loss per cycle.
+
+        Args:
+            below: Only those of modes up to this angular frequency [rad/s]; None for all.
+        """
+        omega = np.sqrt(self.squares)
+        damping = _whole(self.viscous)
+        bent = np.flatnonzero(omega > 0.0)
+        damping[np.ix_(bent, bent)] += _whole(self.hysteretic)[np.ix_(bent, bent)] / np.sqrt(np.outer(omega[bent], omega[bent]))
+        wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
+        few = find_lower_poles(
+            self.squares, damping, wanted, tolerance=PEAK_TOLERANCE, width_share=PEAK_SHARE, invert=self._inverse()
+        )
+        poles, _ = state_eigenpairs(self.squares, damping) if few is None else few
+        return np.asarray(poles[poles.imag >= 0.0])
+
+    def _inverse(self) -> Inverse:
+        """``(s^2 + s C + diag(omega^2))^-1`` times columns, by Woodbury's formula."""
+        omega = np.sqrt(self.squares)
+        roots = np.where(omega > 0.0, 1.0 / np.sqrt(np.where(omega > 0.0, omega, 1.0)), 0.0)
+        factors = np.hstack([self.viscous.factors, roots[:, None] * self.hysteretic.factors])
+        strengths = np.concatenate([self.viscous.strengths, self.hysteretic.strengths])
+        alone = self.viscous.diagonal + roots**2 * self.hysteretic.diagonal
+
+        def invert(poles: ComplexArray, columns: ComplexArray) -> ComplexArray:
+            dynamic = (poles**2)[:, None] + self.squares + poles[:, None] * alone
+            floor = np.finfo(float).eps * np.abs(poles[:, None]) ** 2
+            far = np.asarray(1.0 / np.where(np.abs(dynamic) > floor, dynamic, floor), dtype=np.complex128)
+            coupling = (poles[:, None] * strengths)[:, :, None] * _squares(far, factors)
+            coupling[:, np.arange(len(strengths)), np.arange(len(strengths))] += 1.0
+            given = far * columns.T
+            forces = np.linalg.solve(coupling, (poles[:, None] * strengths * (given @ factors))[:, :, None])[:, :, 0]
+            return np.asarray((given - far * (forces @ factors.T)).T)
+
+        return invert
+
+    def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
+        """The modes far from each frequency are eliminated, those near it are solved for."""
+        square = omega[:, None] ** 2
+        dynamic = self.squares - square + 1j * (omega[:, None] * self.viscous.diagonal + self.hysteretic.diagonal)
+        near = (np.abs(self.squares - square) < NEAR * square) | (self.squares == 0.0)
+        factors = np.hstack([self.viscous.factors, self.hysteretic.factors])
+        still = np.ones((len(omega), 1)) * self.hysteretic.strengths
+        weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
+        far = np.where(near, 0.0, 1.0 / np.where(near, 1.0, dynamic))
+        plain = _products(far, self.rows.T, self.loads)
+        stretched, pushed = _products(far, factors, self.loads), _products(far, self.rows.T, factors)
+        # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
+        coupling = weights[:, :, None] * _squares(far, factors)
+        coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
+        found = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
+        for line in np.flatnonzero(near.any(axis=1)):
+            own = np.flatnonzero(near[line])
+            local = factors[own]
+            forces = np.linalg.solve(coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]]))
+            matrix = np.asarray(np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex)
+            loads = self.loads[own] - local @ forces[:, len(own) :]
+            rows = self.rows[:, own] - pushed[line] @ forces[:, : len(own)]
+            found[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
+        return found
+
+    def _solve_near(
+        self, matrix: ComplexArray, rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray, square: float
+    ) -> ComplexArray:
+        """Answer of the modes near a frequency; NaN in entries that see an undamped one exactly there."""
+        left, sizes, right = np.linalg.svd(matrix)
+        resting = sizes <= 2.0 * SINGULAR * square
+        inverse = np.where(resting, 0.0, 1.0 / np.where(resting, 1.0, sizes))
+        given, seen = left.conj().T @ loads, rows @ right.conj().T
+        found = (seen * inverse) @ given
+        if resting.any():
+            reach, push = np.abs(self.rows).max(axis=1, initial=0.0), np.abs(self.loads).max(axis=0, initial=0.0)
+            moved, pushed = np.abs(seen[:, resting]) > UNSEEN * reach[:, None], np.abs(given[resting]) > UNSEEN * push
+            found[(moved.astype(float) @ pushed.astype(float)) > 0.0] = np.nan
+        return np.asarray(found)
+
+
+def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
+    """The sum for damping of low rank; None where too many dampers couple the modes.
+
+    Low rank is what is left of a damping matrix when damping that couples no modes (one damping ratio, one loss factor, one mass- or
+    stiffness-proportional part for most of the machine) is taken out.
+
+    Source: Woodbury (1950), Inverting modified matrices; Ozguven (1987), J. Sound Vib. 117, 313-328, for structural modifications of
+        receptances.
+    """
+    held = not damps_rigid_motion(coordinates)
+    taken = slice(coordinates.rigid_count if held else 0, None)
+    omega = coordinates.omega[taken]
+    viscous = _split(coordinates.viscous, taken, omega, powers=(0.5, 0.0, 1.0))
+    hysteretic = _split(coordinates.hysteretic, taken, omega, powers=(1.0,))
+    if viscous is None or hysteretic is None or len(viscous.strengths) + len(hysteretic.strengths) > LARGEST_RANK * len(omega):
+        return None
+    rest = rest_terms(coordinates)
+    return DamperSum(
+        squares=coordinates.squares[taken],
+        loads=coordinates.inputs[taken],
+        rows=coordinates.outputs[:, taken],
+        viscous=viscous,
+        hysteretic=hysteretic,
+        rest=rest if held else RestTerms(np.zeros_like(rest.rigid), rest.residual, rest.square),
+    )
+
+
+def _products(far: ComplexArray, left: FloatArray, right: FloatArray) -> ComplexArray:
+    """``left^T diag(far) right`` for each frequency: ``(n_freq, n_left, n_right)``."""
+    flat = np.einsum("mi,mj->mij", left, right).reshape(len(left), -1)
+    return _weighed(far, flat).reshape(len(far), left.shape[1], right.shape[1])
+
+
+def _squares(far: ComplexArray, factors: FloatArray) -> ComplexArray:
+    """``factors^T diag(far) factors`` for each frequency ``(n_freq, r, r)``: one product for many frequencies, else one for each."""
+    rank = factors.shape[1]
+    if len(far) < rank:
+        return np.array([_weighed(factors.T * line, factors) for line in far]).reshape(len(far), rank, rank)
+    upper = np.triu_indices(rank)
+    half = _weighed(far, factors[:, upper[0]] * factors[:, upper[1]])
+    places = np.zeros((rank, rank), dtype=np.int64)
+    places[upper] = places.T[upper] = np.arange(half.shape[1])
+    return np.take(half, places.ravel(), axis=1).reshape(len(far), rank, rank)
+
+
+def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
+    """A complex matrix times a real one, without the product of an imaginary part that is not there."""
+    # the parts of a complex array are strided, for which there is no fast product
+    real, imaginary = np.ascontiguousarray(weights.real), np.ascontiguousarray(weights.imag)
+    found = np.asarray(real @ matrix, dtype=np.complex128)
+    if np.any(imaginary):
+        found += 1j * (imaginary @ matrix)
+    return found
+
+
+def _whole(dampers: CoupledDampers) -> FloatArray:
+    return np.asarray(np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T)
+
+
+def _split(matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]) -> CoupledDampers | None:
+    """Damping of few dampers, apart from one that is proportional to a power of the modes' frequencies."""
+    count = len(omega)
+    if matrix is None:
+        return CoupledDampers(np.zeros(count), np.zeros((count, 0)), np.zeros(0))
+    own = matrix[taken, taken]
+    limit = ROUNDOFF * count * float(np.abs(own).max(initial=0.0))
+    factor, pivots, rank, _ = dpstrf(own, tol=limit, lower=1)
+    if rank <= LARGEST_RANK * count:
+        factors = np.zeros((count, rank))
+        factors[np.asarray(pivots) - 1] = np.tril(factor)[:, :rank]
+        if np.abs(own - factors @ factors.T).max(initial=0.0) <= limit:
+            return CoupledDampers(np.zeros(count), factors, np.ones(rank))
+    for power in powers:
+        if power > 0.0 and not omega.min(initial=np.inf) > 0.0:
+            continue
+        scale = omega**power
+        levels, vectors, info = dsyevd(own / np.outer(scale, scale))
+        if info != 0:
+            continue
+        common = float(np.median(levels))
+        apart = _deviating(levels, common)
+        found = CoupledDampers(common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common)
+        if len(found.strengths) <= LARGEST_RANK * count and np.abs(own - _whole(found)).max(initial=0.0) <= limit:
+            return found
+    return None
+
+
+def _deviating(levels: FloatArray, common: float) -> NDArray[np.int64]:
+    return np.flatnonzero(np.abs(levels - common) > ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0))

@@ -1,0 +1,203 @@
+"""Frequency response of any second-order system between named ports, from 0 Hz on."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import AccuracyError, ModelError
+from headstock.solvers.linear.damper_sum import DamperSum, sum_over_dampers
+from headstock.solvers.linear.direct_response import DirectResponse
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.linear.modal_coordinates import (
+    ModalCoordinates,
+    damps_rigid_motion,
+    is_diagonal,
+    rigid_response,
+    to_modal_coordinates,
+)
+from headstock.solvers.linear.pole_sum import PoleSum, sum_over_poles
+from headstock.solvers.linear.response_forms import ModalSum, sum_over_modes
+from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.second_order import ComplexArray, Motion, Port, SecondOrderSystem
+from headstock.solvers.system_ports import input_columns, output_rows
+
+BoolArray = NDArray[np.bool_]
+DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+METHODS = {ModalSum: "modal", DamperSum: "dampers", PoleSum: "poles", DirectResponse: "direct"}
+RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place among numbers
+AGREEMENT = 1e-8  # of the sum over poles with direct solves, where it is tried
+PEAK_MARGIN = 1.2  # beyond the range: peaks whose flank reaches into it
+PROBED_QUANTILES = (0.0, 0.1, 0.3, 0.7)  # of the poles: the gaps after them
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Receptance between ports: displacement per unit load.
+
+    Attributes:
+        frequencies_hz: ``(n_freq,)``.
+        inputs: Where the loads act.
+        outputs: Where the motion is seen.
+        receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/(N m), ...]; NaN where there is no value.
+        free_body: The same shape: at 0 Hz an unbalanced load meets a motion that nothing holds.
+        singular: The same shape: exactly on the pole of an undamped mode.
+        method: ``modal`` sum, the same with few ``dampers`` that couple modes, ``poles`` of coupled modes, or ``direct`` solves.
+    """
+
+    frequencies_hz: FloatArray
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    receptance: ComplexArray
+    free_body: BoolArray
+    singular: BoolArray
+    method: str
+
+
+@dataclass(frozen=True, eq=False)
+class FrfModel:
+    """A system made ready to be asked for its response at many frequencies.
+
+    Attributes:
+        inputs: Where the loads act.
+        outputs: Where the motion is seen.
+        form: Sum over modes or poles, or direct solves.
+        direct: The same by direct solves.
+        at_rest: ``(n_outputs, n_inputs)`` static compliance, NaN where nothing holds.
+        coordinates: Modal coordinates, where the system has them.
+    """
+
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    form: ModalSum | DamperSum | PoleSum | DirectResponse
+    direct: DirectResponse
+    at_rest: FloatArray
+    coordinates: ModalCoordinates | None
+
+
+def solve_frf(
+    system: SecondOrderSystem, frequencies_hz: FloatArray, *, inputs: Sequence[Port], outputs: Sequence[Port]
+) -> FrequencyResponse:
+    """Receptance at given frequencies; at 0 Hz the static compliance, at negative ones the complex conjugate.
+
+    Structural (hysteretic) damping acts at every frequency but 0 Hz.
+
+    Args:
+        system: Any linear system; unsymmetric terms are found and take the direct road.
+        frequencies_hz: ``(n_freq,)`` finite [Hz].
+        inputs: Ports.
+        outputs: Ports.
+
+    Raises:
+        ModelError: A port is unknown, a frequency is not finite, or a matrix has no physical meaning.
+    """
+    return evaluate_frf(prepare_frf(system, inputs=inputs, outputs=outputs), frequencies_hz)
+
+
+def prepare_frf(
+    system: SecondOrderSystem, *, inputs: Sequence[Port], outputs: Sequence[Port], modes: ModalResult | None = None
+) -> FrfModel:
+    """Bring a system into the form that answers fastest.
+
+    All modes of the (reduced) system are used, so nothing is truncated; without dampers that couple modes the response is a sum
+    over real modes; with few of them each frequency takes a solve of their number besides; with many it is a sum over poles, and for
+    unsymmetric terms or critical damping a solve per frequency. A sum over poles is compared with direct solves at a few frequencies
+    before it is used.
+
+    Args:
+        system: Any linear system.
+        inputs: Ports.
+        outputs: Ports.
+        modes: All undamped modes, where they are already known.
+
+    Raises:
+        ModelError: A port is unknown, or a matrix has no physical meaning.
+    """
+    direct = DirectResponse(system, input_columns(system, inputs), output_rows(system, outputs))
+    coordinates = to_modal_coordinates(system, inputs, outputs, modes)
+    if coordinates is None:
+        return FrfModel(tuple(inputs), tuple(outputs), direct, direct, _general_rest(direct), None)
+    _, moves = rigid_response(coordinates)
+    at_rest = np.where(moves, np.nan, coordinates.elastic)
+    return FrfModel(tuple(inputs), tuple(outputs), _choose_form(coordinates, direct), direct, at_rest, coordinates)
+
+
+def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyResponse:
+    """Receptance at given frequencies; see ``solve_frf``.
+
+    Raises:
+        ModelError: A frequency is not finite.
+    """
+    frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
+    if not np.isfinite(frequencies).all():
+        raise ModelError("a frequency is not finite; write numbers in Hz")
+    omega = 2.0 * np.pi * np.where(np.abs(frequencies) < RESTING_HZ, 0.0, np.abs(frequencies))
+    moving = np.flatnonzero(omega > 0.0)
+    values = np.empty((len(omega), *model.at_rest.shape), dtype=complex)
+    values[:] = model.at_rest
+    if len(moving):
+        values[moving] = model.form.evaluate(omega[moving])
+    values[frequencies < 0.0] = values[frequencies < 0.0].conj()
+    missing = np.isnan(values)
+    rest = (omega == 0.0)[:, None, None]
+    return FrequencyResponse(
+        frequencies_hz=frequencies,
+        inputs=model.inputs,
+        outputs=model.outputs,
+        receptance=values,
+        free_body=missing & rest,
+        singular=missing & ~rest,
+        method=METHODS[type(model.form)],
+    )
+
+
+def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
+    """Poles at positive frequencies, and real ones [rad/s], that may shape a response up to a frequency; perhaps others too."""
+    if isinstance(model.form, DamperSum):
+        return model.form.poles(2.0 * np.pi * PEAK_MARGIN * to_hz)
+    return model.form.poles()
+
+
+def convert_receptance(receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion) -> ComplexArray:
+    """Receptance, mobility or accelerance ``(n_freq, n_outputs, n_inputs)``: displacement, velocity or acceleration per unit load."""
+    factor = (2j * np.pi * frequencies_hz) ** DERIVATIVES[motion]
+    return np.asarray(receptance * factor[:, None, None])
+
+
+def _choose_form(coordinates: ModalCoordinates, direct: DirectResponse) -> ModalSum | DamperSum | PoleSum | DirectResponse:
+    free = not damps_rigid_motion(coordinates)
+    if free and is_diagonal(coordinates.viscous) and is_diagonal(coordinates.hysteretic):
+        return sum_over_modes(coordinates)
+    dampers = sum_over_dampers(coordinates)
+    if dampers is not None:
+        return dampers
+    if not free:
+        return direct
+    try:
+        form = sum_over_poles(coordinates)
+    except AccuracyError:
+        return direct
+    return form if _agrees(form, direct) else direct
+
+
+def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
+    """Whether a sum over poles equals direct solves between poles, where no peak magnifies the roundoff of either."""
+    sizes = np.sort(np.abs(form.poles()))
+    sizes = sizes[np.isfinite(sizes)]
+    gaps = sorted({int(share * (len(sizes) - 1)) for share in PROBED_QUANTILES})
+    omega = np.array([np.sqrt(sizes[i] * sizes[min(i + 1, len(sizes) - 1)]) for i in gaps])
+    expected, found = direct.evaluate(omega), form.evaluate(omega)
+    error = np.abs(found - expected).max(axis=(1, 2))
+    return bool((error <= AGREEMENT * np.abs(expected).max(axis=(1, 2))).all())
+
+
+def _general_rest(direct: DirectResponse) -> FloatArray:
+    """Static compliance of a system without modal coordinates; NaN where it has none."""
+    system = dataclasses.replace(direct.system, damping=None, hysteretic=None)
+    try:
+        return np.asarray(direct.rows @ solve_static(system, direct.loads).displacements)
+    except ModelError:
+        return np.full((len(direct.rows), direct.loads.shape[1]), np.nan)

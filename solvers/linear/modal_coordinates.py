@@ -1,0 +1,209 @@
+"""A system in the coordinates of all its undamped modes, with what modes cannot say about statics."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.linear.symmetric_matrices import find_null_space
+from headstock.solvers.linear.symmetric_matrices_2 import is_symmetric
+from headstock.solvers.second_order import Port, SecondOrderSystem
+from headstock.solvers.system_ports import input_columns, output_rows
+
+DIAGONAL_LIMIT = 1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
+ROUNDOFF = 1e-13  # and those below this share of the largest entry
+SEEN_LIMIT = 1e-10  # a port moves in a rigid-body motion, or a damper with a dof, by more than this share
+
+
+@dataclass(frozen=True, eq=False)
+class ModalCoordinates:
+    """``p'' + C p' + (Omega^2 + i H) p = B f``, ``y = L p + E f``: all modes, rigid-body modes first.
+
+    Attributes:
+        squares: ``(m,)`` omega^2 [rad^2/s^2], exactly zero for rigid-body modes.
+        rigid_count: How many modes are rigid-body modes.
+        inputs: ``(m, n_inputs)`` modal loads.
+        outputs: ``(n_outputs, m)`` motions per unit modal coordinate.
+        viscous: ``(m, m)`` or None.
+        hysteretic: ``(m, m)`` or None.
+        elastic: ``(n_outputs, n_inputs)`` exact static compliance of the elastic modes and of dofs without mass, apart from the
+            rigid-body motion that an unbalanced load sets off.
+        residual: ``(n_outputs, n_inputs)`` what the elastic modes together lack of it: the flexibility of dofs without mass and
+            of modes left out, else roundoff.
+        complete: No mode is left out and no dof is without mass, so that the residual is roundoff.
+        shapes: ``(n, m)`` mass-normalised.
+    """
+
+    squares: FloatArray
+    rigid_count: int
+    inputs: FloatArray
+    outputs: FloatArray
+    viscous: FloatArray | None
+    hysteretic: FloatArray | None
+    elastic: FloatArray
+    residual: FloatArray
+    complete: bool
+    shapes: FloatArray
+
+    @property
+    def omega(self) -> FloatArray:
+        """Undamped angular frequencies ``(m,)`` [rad/s]."""
+        return np.sqrt(self.squares)
+
+
+def to_modal_coordinates(
+    system: SecondOrderSystem, inputs: Sequence[Port], outputs: Sequence[Port], modes: ModalResult | None = None
+) -> ModalCoordinates | None:
+    """The system in modal coordinates; None where they cannot carry it.
+
+    That is so when a matrix is not symmetric (control, gyroscopic terms), or a damper acts on dofs without mass.
+
+    Args:
+        system: Any.
+        inputs: Ports.
+        outputs: Ports.
+        modes: All undamped modes, where they are already known.
+
+    Raises:
+        ModelError: A port is unknown, or the system has no answer.
+    """
+    loads, rows = input_columns(system, inputs), output_rows(system, outputs)
+    if not has_symmetric_terms(system):
+        return None
+    modes = modes or solve_modal(system)
+    damped = system.damping is not None or system.hysteretic is not None
+    if modes.infinite_count and damped and not _dampers_have_mass(system, modes):
+        return None
+    squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
+    squares[: modes.rigid_count] = 0.0
+    modal_loads, modal_rows = modes.shapes.T @ loads, rows @ modes.shapes
+    elastic = rows @ elastic_displacements(system, modes, loads)
+    bent = slice(modes.rigid_count, None)
+    residual = elastic - (modal_rows[:, bent] / squares[bent]) @ modal_loads[bent]
+    return ModalCoordinates(
+        squares=squares,
+        rigid_count=modes.rigid_count,
+        inputs=modal_loads,
+        outputs=modal_rows,
+        viscous=_project(system.damping, modes),
+        hysteretic=_project(system.hysteretic, modes),
+        elastic=elastic,
+        residual=residual,
+        complete=modes.infinite_count == 0,
+        shapes=modes.shapes,
+    )
+
+
+def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
+    """Only the lowest elastic modes; what the others add statically goes to the residual flexibility.
+
+    Args:
+        coordinates: Of all modes.
+        count: Elastic modes kept; rigid-body modes stay.
+
+    Source: MacNeal (1971), A hybrid method of component mode synthesis; Geradin and Rixen (2015), section 3.3.5 (mode
+        acceleration).
+    """
+    kept = slice(0, coordinates.rigid_count + count)
+    bent = slice(coordinates.rigid_count, coordinates.rigid_count + count)
+    rows, loads = coordinates.outputs[:, kept], coordinates.inputs[kept]
+    statics = (coordinates.outputs[:, bent] / coordinates.squares[bent]) @ coordinates.inputs[bent]
+    return dataclasses.replace(
+        coordinates,
+        squares=coordinates.squares[kept],
+        inputs=loads,
+        outputs=rows,
+        viscous=None if coordinates.viscous is None else coordinates.viscous[kept, kept],
+        hysteretic=None if coordinates.hysteretic is None else coordinates.hysteretic[kept, kept],
+        residual=coordinates.elastic - statics,
+        complete=coordinates.complete and len(coordinates.squares) <= coordinates.rigid_count + count,
+        shapes=coordinates.shapes[:, kept],
+    )
+
+
+def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
+    """Elastic modes up to a frequency."""
+    return int(np.count_nonzero((coordinates.squares > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)))
+
+
+def has_symmetric_terms(system: SecondOrderSystem) -> bool:
+    """Whether every matrix passes the test without which no symmetric solver may see it."""
+    terms = (system.mass, system.stiffness, system.damping, system.hysteretic)
+    return all(term is None or is_symmetric(term) for term in terms)
+
+
+def elastic_displacements(system: SecondOrderSystem, modes: ModalResult, loads: FloatArray) -> FloatArray:
+    """Static displacements ``(n, k)`` without the rigid-body motion that an unbalanced load sets off.
+
+    A load that is not in balance is balanced by the inertia forces of that motion, and the answer is orthogonal to it.
+
+    Args:
+        system: Symmetric.
+        modes: Its undamped modes; only the rigid ones are used.
+        loads: ``(n, k)`` generalised loads.
+
+    Source: Geradin and Rixen (2015), section 2.6 (inertia relief, pseudo-inverse of a free structure).
+    """
+    if not modes.rigid_count:
+        return solve_static(system, loads).displacements
+    rigid = modes.shapes[:, : modes.rigid_count]
+    balanced = loads - system.mass @ (rigid @ (rigid.T @ loads))
+    free = find_null_space(system.stiffness).free
+    held = np.ix_(free, free)
+    labels = tuple(system.labels[int(i)] for i in free)
+    inner = SecondOrderSystem(system.mass[held], None, system.stiffness[held], {}, {}, labels)
+    displacements = np.zeros_like(balanced)
+    displacements[free] = solve_static(inner, balanced[free]).displacements
+    return np.asarray(displacements - rigid @ (rigid.T @ (system.mass @ displacements)))
+
+
+def rigid_response(coordinates: ModalCoordinates) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """Acceleration per unit load of the rigid-body motion ``(n_outputs, n_inputs)``, and where it is more than roundoff."""
+    first = slice(0, coordinates.rigid_count)
+    moved, pushed = coordinates.outputs[:, first], coordinates.inputs[first]
+    size = np.abs(moved) @ np.abs(pushed)
+    reach = np.outer(np.linalg.norm(coordinates.outputs, axis=1), np.linalg.norm(coordinates.inputs, axis=0))
+    return moved @ pushed, size > SEEN_LIMIT * reach
+
+
+def damps_rigid_motion(coordinates: ModalCoordinates) -> bool:
+    """Whether a damper resists a rigid-body motion."""
+    first = coordinates.rigid_count
+    for matrix in (coordinates.viscous, coordinates.hysteretic):
+        if matrix is not None and first and np.abs(matrix[:first]).max() > SEEN_LIMIT * np.abs(matrix).max():
+            return True
+    return False
+
+
+def is_diagonal(matrix: FloatArray | None) -> bool:
+    """Whether damping couples no two modes by more than roundoff; true for none."""
+    if matrix is None:
+        return True
+    size = np.sqrt(np.abs(matrix.diagonal()))
+    rest = np.abs(matrix - np.diag(matrix.diagonal()))
+    return bool((rest <= DIAGONAL_LIMIT * np.outer(size, size) + ROUNDOFF * np.abs(matrix).max(initial=0.0)).all())
+
+
+def undamped(system: SecondOrderSystem) -> SecondOrderSystem:
+    """The same system without any damping."""
+    return dataclasses.replace(system, damping=None, hysteretic=None)
+
+
+def _project(matrix: FloatArray | None, modes: ModalResult) -> FloatArray | None:
+    if matrix is None or not matrix.any():
+        return None
+    projected = modes.shapes.T @ matrix @ modes.shapes
+    return np.asarray(0.5 * (projected + projected.T))
+
+
+def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:
+    """Whether no damper moves with dofs that have no mass."""
+    massless = find_null_space(system.mass, what="mass").vectors
+    for matrix in (system.damping, system.hysteretic):
+        if matrix is not None and np.abs(matrix @ massless).max() > SEEN_LIMIT * np.abs(matrix).max(initial=0.0):
+            return False
+    return modes.infinite_count == massless.shape[1]

@@ -1,0 +1,128 @@
+"""First-order form of a second-order system with named inputs and outputs: ``x' = A x + B u``, ``y = C x + D u``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.modal_coordinates import (
+    ModalCoordinates,
+    count_modes,
+    has_symmetric_terms,
+    is_diagonal,
+    keep_modes,
+    to_modal_coordinates,
+)
+from headstock.solvers.second_order import ComplexArray, Port, SecondOrderSystem
+from headstock.solvers.system_ports import input_columns, output_rows
+
+MASSLESS_CONDITION = 1e14
+
+
+@dataclass(frozen=True, eq=False)
+class ModalPairs:
+    """Modes that nothing couples: state ``2k, 2k + 1`` is ``(s p, p')`` of mode k.
+
+    Attributes:
+        scales: ``(m,)`` s [rad/s].
+        squares: ``(m,)`` omega^2 [rad^2/s^2].
+        viscous: ``(m,)`` ``2 zeta omega`` [rad/s].
+    """
+
+    scales: FloatArray
+    squares: FloatArray
+    viscous: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpace:
+    """A linear system in time.
+
+    Attributes:
+        a: ``(n, n)``.
+        b: ``(n, n_inputs)``.
+        c: ``(n_outputs, n)``.
+        d: ``(n_outputs, n_inputs)``.
+        inputs: Names of the loads.
+        outputs: Names of the motions.
+        states: A name for each state.
+        pairs: The modes behind the states, where no damping couples them.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    states: tuple[str, ...]
+    pairs: ModalPairs | None = None
+
+    def respond(self, omega: FloatArray) -> ComplexArray:
+        """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""
+        unit = np.eye(len(self.a))
+        return np.array([self.c @ np.linalg.solve(1j * value * unit - self.a, self.b + 0j) + self.d for value in omega])
+
+
+def to_state_space(
+    system: SecondOrderSystem, *, inputs: Sequence[Port], outputs: Sequence[Port], up_to_hz: float | None = None
+) -> StateSpace:
+    """State space of a system; outputs are displacements.
+
+    In modal coordinates, each mode as ``(omega p, p')``: half the sum of squares of the states is the energy. Structural damping
+    is replaced by the viscous one of equal loss in each mode. A system with unsymmetric terms keeps its own dofs.
+
+    Args:
+        system: Any; unsymmetric ones need mass on every dof.
+        inputs: Ports.
+        outputs: Ports.
+        up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None keeps all.
+
+    Raises:
+        ModelError: A port is unknown, or a dof without mass stands in the way.
+    """
+    if not has_symmetric_terms(system):
+        return _unsymmetric(system, tuple(inputs), tuple(outputs))
+    coordinates = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
+    if coordinates is None:
+        raise ModelError("a damper acts on a dof without mass, which has no place in a state space; give every body a mass")
+    if up_to_hz is not None:
+        coordinates = keep_modes(coordinates, count_modes(coordinates, up_to_hz))
+    return modal_state_space(coordinates, tuple(inputs), tuple(outputs))
+
+
+def modal_state_space(coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
+    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is ``p'``."""
+    squares, count = coordinates.squares, len(coordinates.squares)
+    lowest = float(np.sqrt(squares[squares > 0.0].min(initial=np.inf)))
+    scales = np.where(squares > 0.0, np.sqrt(squares), lowest if np.isfinite(lowest) else 1.0)
+    damping = np.zeros((count, count)) if coordinates.viscous is None else coordinates.viscous
+    first, second = np.arange(0, 2 * count, 2), np.arange(1, 2 * count, 2)
+    a = np.zeros((2 * count, 2 * count))
+    a[first, second] = scales
+    a[second, first] = -squares / scales
+    a[np.ix_(second, second)] = -damping
+    b, c = np.zeros((2 * count, len(inputs))), np.zeros((len(outputs), 2 * count))
+    b[second], c[:, first] = coordinates.inputs, coordinates.outputs / scales
+    d = np.zeros_like(coordinates.residual) if coordinates.complete else coordinates.residual
+    names = tuple(f"mode {mode + 1} {part}" for mode in range(count) for part in ("displacement", "velocity"))
+    pairs = ModalPairs(scales, squares, np.array(damping.diagonal())) if is_diagonal(coordinates.viscous) else None
+    return StateSpace(a, b, c, d, inputs, outputs, names, pairs)
+
+
+def _unsymmetric(system: SecondOrderSystem, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
+    if system.hysteretic is not None:
+        raise ModelError("structural damping of an unsymmetric system has no equivalent in time; give it viscous damping")
+    if not np.linalg.cond(system.mass) < MASSLESS_CONDITION:
+        raise ModelError("a dof without mass has no place in the state space of an unsymmetric system; give every body a mass")
+    count = len(system.mass)
+    zero = np.zeros((count, count))
+    damping = zero if system.damping is None else np.linalg.solve(system.mass, system.damping)
+    a = np.block([[zero, np.eye(count)], [-np.linalg.solve(system.mass, system.stiffness), -damping]])
+    b = np.vstack([np.zeros((count, len(inputs))), np.linalg.solve(system.mass, input_columns(system, inputs))])
+    c = np.hstack([output_rows(system, outputs), np.zeros((len(outputs), count))])
+    names = tuple(f"{label} {part}" for part in ("displacement", "velocity") for label in system.labels)
+    return StateSpace(a, b, c, np.zeros((len(outputs), len(inputs))), inputs, outputs, names)

@@ -1,0 +1,216 @@
+"""Eigenpairs of a dense symmetric pencil ``K x = omega^2 M x``, accurate at the low end however stiff the stiffest part is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dsyevr, dsygst, dsygvd
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ConvergenceError, ModelError
+from headstock.solvers.linear.sparse_systems import lowest_sparse_modes
+from headstock.solvers.linear.symmetric_matrices import EPS, NullSpace, find_null_space
+from headstock.solvers.linear.symmetric_matrices_2 import absolute_product
+
+SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
+MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass
+CANCELLATION_LIMIT = 1e-6  # roundoff of the lowest mode's strain energy above which a rigid mode is suspected
+BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
+FEW = 0.1  # of all modes, up to which they are solved for alone
+SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
+
+
+@dataclass(frozen=True, eq=False)
+class ModalPairs:
+    """Eigenpairs, rising.
+
+    Attributes:
+        squares: ``(m,)`` omega^2 [rad^2/s^2]; of rigid modes the roundoff that is left.
+        shapes: ``(n, m)`` mass-normalised.
+        rigid_count: How many of the first are rigid-body modes (no strain energy).
+        infinite_count: Dofs without mass that were condensed statically: infinite frequencies.
+    """
+
+    squares: FloatArray
+    shapes: FloatArray
+    rigid_count: int = 0
+    infinite_count: int = 0
+
+
+def solve_symmetric_modes(
+    stiffness: FloatArray, mass: FloatArray, *, wanted: int | None = None, up_to: float | None = None
+) -> ModalPairs:
+    """All eigenpairs of ``K x = omega^2 M x`` for symmetric positive semidefinite matrices.
+
+    The pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small stiffnesses beside
+    large ones (K is graded, not ill-conditioned), and the largest mu, the lowest modes, come out to machine precision. Where
+    that does not do (rigid-body modes, massless dofs, a wide spread) the careful path takes over.
+
+    Args:
+        stiffness: ``(n, n)``.
+        mass: ``(n, n)``.
+        wanted: How many of the lowest must be accurate; the others are left out. None: all.
+        up_to: The same as a limit of omega^2 [rad^2/s^2]; those beyond it may be left out.
+
+    Raises:
+        ModelError: A matrix is indefinite, or a dof has neither mass nor stiffness.
+        ConvergenceError: LAPACK did not converge.
+
+    Source: Barlow and Demmel (1990) on graded matrices; Guyan (1965) for massless dofs.
+    """
+    count = len(mass) if wanted is None else min(wanted, len(mass))
+    sparse = lowest_sparse_modes(stiffness, mass, count)
+    if sparse is not None and not (_loses_digits_of(stiffness, *sparse) and find_null_space(stiffness).dimension):
+        return ModalPairs(*sparse)
+    pairs = _flexibility_modes(stiffness, mass, count, up_to)
+    if pairs is None:
+        careful = _careful_modes(stiffness, mass, count)
+        return replace(careful, squares=careful.squares[:count], shapes=careful.shapes[:, :count])
+    return ModalPairs(*pairs)
+
+
+def _flexibility_modes(
+    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
+) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be good enough."""
+    if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
+        return None
+    flexibilities, shapes, info = dsygvd(mass.T, stiffness.T)
+    if info != 0 or not flexibilities[0] > MASSLESS_LIMIT * flexibilities[-1]:
+        return None
+    if up_to is not None:
+        count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
+    if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
+        return None
+    squares = 1.0 / flexibilities[: -count - 1 : -1]
+    return squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares)
+
+
+def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
+    """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
+    few = _few_modes(stiffness, mass, count)
+    return few is None or _loses_digits_of(stiffness, *few)
+
+
+def _loses_digits_of(stiffness: FloatArray, squares: FloatArray, shapes: FloatArray) -> bool:
+    return loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
+
+
+def spreads_too_far(smallest: float, largest: float) -> bool:
+    """Whether flexibilities lie too far apart for one solve to resolve both."""
+    return not smallest > SPREAD_LIMIT * largest
+
+
+def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
+    """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x = 1``, that it may be a rigid motion."""
+    size = np.abs(lowest)
+    return bool(len(size) * EPS * (size @ absolute_product(stiffness, size)) > CANCELLATION_LIMIT)
+
+
+def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> ModalPairs:
+    """The same when K or M is singular or the eigenvalues lie far apart; at least the lowest that are wanted."""
+    back, condensed_stiffness, condensed_mass = _condense_massless(stiffness, mass)
+    null = find_null_space(condensed_stiffness)
+    rigid = _mass_orthonormal(null.vectors, condensed_mass)
+    free = null.free
+    coupling = condensed_mass @ rigid
+    # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R = 0
+    elastic_stiffness = condensed_stiffness[np.ix_(free, free)]
+    elastic_mass = condensed_mass[np.ix_(free, free)] - coupling[free] @ coupling[free].T
+    squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(elastic_stiffness, elastic_mass)
+    shapes = np.zeros((len(condensed_mass), len(squares)))
+    shapes[free] = reduced
+    shapes -= rigid @ (coupling.T @ shapes)
+    rigid_squares = np.einsum("ij,ij->j", rigid, condensed_stiffness @ rigid)
+    return ModalPairs(
+        np.concatenate([rigid_squares, squares]),
+        back @ np.hstack([rigid, shapes]),
+        null.dimension,
+        len(mass) - len(condensed_mass),
+    )
+
+
+def _condense_massless(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Guyan condensation of the null space of M: exact, because nothing there has inertia."""
+    massless = find_null_space(mass, what="mass")
+    if massless.dimension == 0:
+        return np.eye(len(mass)), stiffness, mass
+    if massless.dimension == len(mass):
+        raise ModelError("the system has no mass at all; natural frequencies need the mass to be assembled")
+    null, free = massless.vectors, massless.free
+    inner = null.T @ stiffness @ null
+    void = find_null_space(inner)
+    if void.dimension:
+        raise _void_error(massless, void)
+    kept = np.eye(len(mass))[:, free]
+    back = kept - null @ cho_solve(cho_factor(inner), null.T @ (stiffness @ kept))
+    condensed = (stiffness @ back)[free]
+    return back, 0.5 * (condensed + condensed.T), mass[np.ix_(free, free)]
+
+
+def _void_error(massless: NullSpace, void: NullSpace) -> ModelError:
+    vectors = np.abs(massless.vectors @ void.vectors)
+    dofs = sorted({int(np.argmax(vector)) for vector in vectors.T})
+    return ModelError(
+        f"{void.dimension} motion(s) have neither mass nor stiffness (mainly dofs {dofs}); "
+        "give the body a mass, or hold the motion by a joint"
+    )
+
+
+def _mass_orthonormal(vectors: FloatArray, mass: FloatArray) -> FloatArray:
+    """The same space with ``R^T M R = 1``; twice, because once leaves the square of the condition number."""
+    for _ in range(2 if vectors.shape[1] else 0):
+        lower = np.linalg.cholesky(vectors.T @ mass @ vectors)
+        vectors = solve_triangular(lower, vectors.T, lower=True, check_finite=False).T
+    return vectors
+
+
+def _few_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest modes alone, at a tenth of the cost of all; None where many are wanted or one solve does not resolve them."""
+    size = len(mass)
+    if not 0 < wanted <= FEW * size:
+        return None
+    lower, info = dpotrf(stiffness, lower=1)
+    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
+    if failed != 0:
+        return None
+    flexibilities, vectors, number, _, info = dsyevr(reduced, range="I", il=size - wanted + 1, iu=size, lower=1)
+    flexibilities = flexibilities[:number][::-1]
+    if info != 0 or number < wanted or spreads_too_far(flexibilities[-1], flexibilities[0]):
+        return None
+    shapes = solve_triangular(lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False)
+    return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
+
+
+def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one solve cannot resolve both ends."""
+    if len(mass) == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    flexibilities, flexible, info = dsygvd(mass.T, stiffness.T)
+    _require_converged(info, "stiffness", len(mass))
+    if flexibilities[0] > SPREAD_LIMIT * flexibilities[-1]:
+        squares = 1.0 / flexibilities[::-1]
+        return squares, flexible[:, ::-1] * np.sqrt(squares)
+    squares, shapes, info = dsygvd(stiffness.T, mass.T)
+    _require_converged(info, "mass", len(mass))
+    split = _widest_gap(squares, float(np.sqrt(squares[-1] / flexibilities[-1])))
+    if split:
+        squares[:split] = 1.0 / flexibilities[: -split - 1 : -1]
+        shapes[:, :split] = flexible[:, : -split - 1 : -1] * np.sqrt(squares[:split])
+    return squares, shapes
+
+
+def _widest_gap(squares: FloatArray, middle: float) -> int:
+    """Number of modes below the widest gap near the middle, so that no cluster is cut."""
+    inside = np.flatnonzero((squares > middle / SPLIT_WINDOW) & (squares < middle * SPLIT_WINDOW))
+    start = int(np.searchsorted(squares, middle))
+    candidates = [start, *(int(i) for i in inside if i > 0)]
+    gaps = [np.inf if i in (0, len(squares)) else squares[i] / max(squares[i - 1], middle / SPLIT_WINDOW**2) for i in candidates]
+    return candidates[int(np.argmax(gaps))]
+
+
+def _require_converged(info: int, which: str, size: int) -> None:
+    if info > size:
+        raise ModelError(f"the {which} matrix is not positive definite once rigid-body motions and massless dofs are taken out")
+    if info != 0:
+        raise ConvergenceError(f"LAPACK dsygvd stopped with info = {info}; look for entries that differ by more than 15 decades")

@@ -1,0 +1,174 @@
+"""Linear response in time by exact discretisation: right at every step for loads that vary linearly between steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.state_space import ModalPairs, StateSpace
+
+SLOW = 0.5  # below this angle per step the integrals of a mode would cancel, and come from the exponential of a larger matrix
+
+
+@dataclass(frozen=True, eq=False)
+class TimeResponse:
+    """Motions at the outputs.
+
+    Attributes:
+        times: ``(n_steps,)`` [s], from zero.
+        outputs: ``(n_steps, n_outputs)``.
+        final_state: ``(n,)`` from which a later stretch goes on.
+    """
+
+    times: FloatArray
+    outputs: FloatArray
+    final_state: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Propagator:
+    """One step: ``x_new = Phi x + start u + end u_new``.
+
+    Attributes:
+        transition: Phi ``(n, n)``, or ``(m, 2, 2)`` of modes that nothing couples.
+        start: ``(n, n_inputs)`` effect of the load at the beginning of the step.
+        end: The same at its end.
+        step: [s].
+    """
+
+    transition: FloatArray
+    start: FloatArray
+    end: FloatArray
+    step: float
+
+    def advance(self, state: FloatArray) -> FloatArray:
+        """The free motion after one step."""
+        if self.transition.ndim == 2:
+            return np.asarray(self.transition @ state)
+        pairs = state.reshape(-1, 2)
+        return np.asarray((self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]).ravel())
+
+
+def solve_time_response(
+    space: StateSpace, loads: FloatArray, step: float, *, initial_state: FloatArray | None = None
+) -> TimeResponse:
+    """Response to sampled loads, linear between samples.
+
+    There is no error of integration, whatever the step: modes far faster than it neither blow up nor ring beyond what they
+    physically do. Energy is kept to roundoff where nothing is damped.
+
+    Args:
+        space: From ``to_state_space``.
+        loads: ``(n_steps, n_inputs)`` at times 0, step, 2 step...
+        step: [s].
+        initial_state: ``(n,)``; at rest unless given.
+
+    Raises:
+        ModelError: The step is not positive, or a load is not finite.
+    """
+    loads = np.asarray(loads, dtype=float)
+    if not np.isfinite(loads).all():
+        raise ModelError("a load is not finite")
+    propagator = make_propagator(space, step)
+    state = np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
+    forcing = loads[:-1] @ propagator.start.T + loads[1:] @ propagator.end.T
+    outputs = np.empty((len(loads), len(space.c)))
+    outputs[:1] = space.c @ state
+    for number, push in enumerate(forcing, start=1):
+        state = propagator.advance(state) + push
+        outputs[number] = space.c @ state
+    return TimeResponse(np.asarray(step * np.arange(len(loads)), dtype=float), outputs + loads @ space.d.T, state)
+
+
+def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
+    """Response from rest to loads that are linear within each step and may jump between steps.
+
+    Args:
+        space: From ``to_state_space``.
+        times: ``(n,)`` rising, of any spacing [s].
+        loads: ``(n - 1, 2, n_inputs)`` at the beginning and the end of each step.
+
+    Returns:
+        Motions at the times; where a load jumps and acts on an output at once, that after the jump.
+
+    Raises:
+        ModelError: The times do not rise, or a load is not finite.
+    """
+    if not np.isfinite(loads).all():
+        raise ModelError("a load is not finite")
+    steps = np.diff(times)
+    # steps that differ by roundoff of the times are one step
+    sizes, which = np.unique(np.round(steps / steps.max(), 9), return_inverse=True)
+    propagators = [make_propagator(space, float(steps[which == number].mean())) for number in range(len(sizes))]
+    state = np.zeros(len(space.a))
+    outputs = np.empty((len(times), len(space.c)))
+    outputs[0] = space.c @ state
+    for number, kind in enumerate(which):
+        propagator = propagators[kind]
+        state = propagator.advance(state) + propagator.start @ loads[number, 0] + propagator.end @ loads[number, 1]
+        outputs[number + 1] = space.c @ state
+    direct = np.concatenate([loads[:, 0], loads[-1:, 1]]) @ space.d.T
+    return TimeResponse(np.asarray(times, dtype=float), outputs + direct, state)
+
+
+def make_propagator(space: StateSpace, step: float) -> Propagator:
+    """The exact step of a system.
+
+    Raises:
+        ModelError: The step is not positive.
+
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential; Franklin, Powell and Workman (1998), section
+        6.3.2 (triangle hold).
+    """
+    if not (np.isfinite(step) and step > 0.0):
+        raise ModelError(f"the time step is {step:g} s; it must be above zero")
+    if space.pairs is None:
+        transition, ramp = _integrals(space.a, step)
+        return Propagator(transition, (ramp[0] - ramp[1]) @ space.b, ramp[1] @ space.b, step)
+    transition, total, rising = _pair_integrals(space.pairs, step)
+    count = len(transition)
+    force = space.b.reshape(count, 2, -1)
+    start, end = (np.einsum("mij,mjk->mik", part, force).reshape(space.b.shape) for part in (total - rising, rising))
+    return Propagator(transition, start, end, step)
+
+
+def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    """``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
+    size = len(a)
+    zero, unit = np.zeros((size, size)), np.eye(size)
+    big = np.block([[a * step, unit * step, zero], [zero, zero, unit], [zero, zero, zero]])
+    found = scipy.linalg.expm(big)
+    return found[:size, :size], (found[:size, size : 2 * size], found[:size, 2 * size :])
+
+
+def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same for every mode ``(m, 2, 2)``: closed forms, but for slow modes, where these would cancel."""
+    a = np.zeros((len(pairs.squares), 2, 2))
+    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = pairs.scales, -pairs.squares / pairs.scales, -pairs.viscous
+    transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
+    slow = np.maximum(np.sqrt(pairs.squares), pairs.viscous) * step < SLOW
+    for mode in np.flatnonzero(slow):
+        transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
+    fast = np.flatnonzero(~slow)
+    if len(fast):
+        transition[fast] = _pair_exponentials(a[fast], pairs.squares[fast], pairs.viscous[fast], step)
+        inverse = np.linalg.inv(a[fast])
+        total[fast] = inverse @ (transition[fast] - np.eye(2))
+        rising[fast] = inverse @ (total[fast] / step - np.eye(2))
+    return transition, total, rising
+
+
+def _pair_exponentials(a: FloatArray, squares: FloatArray, viscous: FloatArray, step: float) -> FloatArray:
+    """``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``, and its overdamped form."""
+    mean, rest = -0.5 * viscous, 0.25 * viscous**2 - squares
+    rate = np.sqrt(np.abs(rest))
+    swings = rest < 0.0
+    # exp((mean + rate) h) and exp((mean - rate) h) never overflow, cosh and sinh would
+    grow, fall = np.exp((mean + np.where(swings, 0.0, rate)) * step), np.exp((mean - np.where(swings, 0.0, rate)) * step)
+    angle = rate * step
+    safe = np.where(rate > 0.0, rate, 1.0)
+    even = np.where(swings, grow * np.cos(angle), 0.5 * (grow + fall))
+    odd = np.where(swings, grow * np.sin(angle) / safe, np.where(angle > 1e-8, 0.5 * (grow - fall) / safe, grow * step))
+    return np.asarray(even[:, None, None] * np.eye(2) + odd[:, None, None] * (a - mean[:, None, None] * np.eye(2)))

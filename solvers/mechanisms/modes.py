@@ -1,0 +1,156 @@
+"""Small motions of a compliant mechanism about poses: its second-order system, natural modes, static compliance (eq. 15)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.mechanisms.closures import Kinematics, close_loops, evaluate_kinematics
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import evaluate_dynamics
+from headstock.solvers.mechanisms.partitioning import velocity_maps
+from headstock.solvers.second_order import SecondOrderSystem
+
+TINY = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class SmallMotions:
+    """A mechanism at rest in poses, drives held, linear in the compliant coordinates.
+
+    Attributes:
+        kinematics: At the poses.
+        from_compliant: ``(..., n, c)`` motion of all coordinates per compliant coordinate.
+        mass: ``(..., c, c)``.
+        stiffness: ``(..., c)`` [N/m].
+        gravity: ``(..., c)`` generalised gravity forces [N].
+        geometric: ``(..., c, c)`` stiffness from gravity [N/m]; None where it is not counted.
+    """
+
+    kinematics: Kinematics
+    from_compliant: FloatArray
+    mass: FloatArray
+    stiffness: FloatArray
+    gravity: FloatArray
+    geometric: FloatArray | None = None
+
+    @property
+    def total_stiffness(self) -> FloatArray:
+        """``(..., c, c)`` of springs and gravity."""
+        springs = self.stiffness[..., None] * np.eye(self.stiffness.shape[-1])
+        return springs if self.geometric is None else springs + self.geometric
+
+
+@dataclass(frozen=True, eq=False)
+class LumpedModes:
+    """Natural modes of many poses.
+
+    Attributes:
+        frequencies_hz: ``(..., c)``, rising.
+        shapes: ``(..., c, c)`` mass-normalised, one column per mode, in the compliant coordinates.
+        energy: ``(..., c, c)`` share of each spring (row) in the strain energy of each mode (column).
+    """
+
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+    energy: FloatArray
+
+
+def linearise_poses(model: CompliantMechanism, states: FloatArray) -> SmallMotions:
+    """Small motions about closed states ``(..., n)`` with compliant coordinates at zero."""
+    mechanism = model.mechanism
+    kinematics = evaluate_kinematics(mechanism, states)
+    from_compliant = velocity_maps(mechanism, kinematics.closures)[1]
+    dynamics = evaluate_dynamics(model, kinematics)
+    left = np.swapaxes(from_compliant, -1, -2)
+    stiffness = model.springs.stiffness(states[..., mechanism.driven_slice])
+    gravity = (left @ dynamics.load[..., None])[..., 0]
+    geometric = gravity_stiffness(model, states) if model.gravity_stiffening else None
+    return SmallMotions(kinematics, from_compliant, left @ dynamics.mass @ from_compliant, stiffness, gravity, geometric)
+
+
+def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArray:
+    """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per compliant coordinate.
+
+    The second derivative of the potential energy along motions that keep the loops closed, joint forces and all, by the complex step.
+    """
+    mechanism = model.mechanism
+    columns = []
+    for coordinate in range(mechanism.compliant_slice.start, mechanism.compliant_slice.stop):
+        moved = states.astype(complex)
+        moved[..., coordinate] += 1j * TINY
+        # Newton's method is exact for a step this small, after one correction
+        closed = close_loops(mechanism, moved)
+        kinematics = evaluate_kinematics(mechanism, closed)
+        force = evaluate_dynamics(model, kinematics).load
+        maps = velocity_maps(mechanism, kinematics.closures)[1]
+        columns.append((np.swapaxes(maps, -1, -2) @ force[..., None])[..., 0].imag / TINY)
+    return np.asarray(-np.stack(columns, axis=-1))
+
+
+def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> FloatArray:
+    """``(..., 6, c)`` motion of a mark's origin and its turning per compliant coordinate, in the ground frame of the chains."""
+    place = model.mechanism.marks.index(mark)
+    kinematics = motions.kinematics
+    return np.asarray(
+        np.concatenate([kinematics.of_position[..., place, :, :], kinematics.of_turn[..., place, :, :]], axis=-2)
+        @ motions.from_compliant
+    )
+
+
+def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
+    """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1`` of the mass is not needed.
+
+    ``M x = (1 / omega^2) S^2 x`` with ``y = S x`` is the symmetric problem ``(S^-1 M S^-1) y = y / omega^2``.
+    """
+    if motions.geometric is not None:
+        return _solve_stiffened_modes(motions)
+    root = np.sqrt(motions.stiffness)
+    squares, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
+    squares, vectors = squares[..., ::-1], vectors[..., ::-1]
+    shapes = vectors / root[..., :, None] / np.sqrt(squares)[..., None, :]
+    return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(squares)), shapes, vectors**2)
+
+
+def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
+    """By the Cholesky factor of the mass; shares of energy are those of the springs."""
+    inverse = np.linalg.inv(np.linalg.cholesky(motions.mass))
+    squares, vectors = np.linalg.eigh(inverse @ motions.total_stiffness @ np.swapaxes(inverse, -1, -2))
+    shapes = np.swapaxes(inverse, -1, -2) @ vectors
+    energy = motions.stiffness[..., None] * shapes**2
+    return LumpedModes(np.sqrt(squares) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True))
+
+
+def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
+    """Damping ``(..., c, c)`` with a ratio for the first, second, ... mode, the last for all others [N s/m]."""
+    spread = motions.mass @ modes.shapes
+    zeta = np.concatenate([ratios, np.full(spread.shape[-1], ratios[-1])])[: spread.shape[-1]]
+    return np.asarray((spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :]) @ np.swapaxes(spread, -1, -2))
+
+
+def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:
+    """Static compliance ``(..., 6, 6)`` of the tool point [m/N, rad/N, 1/N, rad/(N m)]: ``J K^-1 J^T``."""
+    tool = mark_motion(model, motions, model.tool)
+    if motions.geometric is not None:
+        return np.asarray(tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2)))
+    return np.asarray((tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2))
+
+
+def pose_system(model: CompliantMechanism, motions: SmallMotions, ports: Mapping[str, FloatArray]) -> SecondOrderSystem:
+    """One pose as a second-order system.
+
+    Args:
+        model: The mechanism.
+        motions: At one pose.
+        ports: Name of a point to ``(6, c)`` its motion per compliant coordinate.
+    """
+    rows = {(name, dof): motion[row] for name, motion in ports.items() for row, dof in enumerate(DOF_NAMES)}
+    return SecondOrderSystem(
+        mass=0.5 * (motions.mass + motions.mass.T),
+        damping=model.damping,
+        stiffness=0.5 * (motions.total_stiffness + motions.total_stiffness.T),
+        inputs=rows,
+        outputs=rows,
+        labels=model.springs.labels,
+    )

@@ -1,0 +1,1 @@
+"""Cutting forces, tool paths, stability, regeneration, contouring. Never the structure that they act on."""

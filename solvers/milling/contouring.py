@@ -1,0 +1,299 @@
+"""A compliant mechanism under cutting forces along a path: linear with matrices that follow the path, and fully nonlinear.
+
+The equations of motion in the compliant coordinates (eq. 10 of Bonnemains et al. 2010) are linear in them to one part in a thousand.
+The linear model takes ``M(t) ddd + D(t) dd + K(t) d = f0(t) + J(t)^T F(t)`` along the rigid path. The nonlinear solution of the same
+time steps (generalised-α) follows by Newton's method over *all* steps at once, with the linear model as its approximate derivative:
+every sweep evaluates the full equations at all instants together and solves the linear model for the rest that is left.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
+from headstock.solvers.mechanisms.modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
+from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
+from headstock.solvers.milling.path_drives import PathDrive
+
+NODE_SPACING = 0.02  # matrices change over decimetres, the tool moves millimetres in this time
+LOAD_SPACING = 1e-3
+CHUNK = 512  # states evaluated together: more would leave the cache
+MAX_SWEEPS = 8
+CONVERGED = 1e-12  # last correction of a compliant coordinate [m]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """The linear model along a path: matrices at nodes, linear between them.
+
+    Attributes:
+        times: ``(n,)`` even steps [s].
+        nodes: ``(k,)`` even times of the matrices [s].
+        mass: ``(k, c, c)``.
+        damping: ``(k, c, c)``.
+        stiffness: ``(k, c)``.
+        tool: ``(k, 3, c)`` motion of the tool per compliant coordinate, ground frame of the chains.
+        sag: ``(k, c)`` static deflection under gravity alone.
+        load: ``(n, c)`` inertial and gravity load of the rigid motion.
+    """
+
+    times: FloatArray
+    nodes: FloatArray
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    tool: FloatArray
+    sag: FloatArray
+    load: FloatArray
+
+    def between(self, values: FloatArray, part: slice) -> FloatArray:
+        """Values ``(k, ...)`` at the nodes, at some of the steps."""
+        return interpolate_nodes(self.times[part], self.nodes, values)
+
+    def tool_motion(self, give: FloatArray) -> FloatArray:
+        """``(n, 3)`` motion of the tool at compliant coordinates ``(n, c)``."""
+        parts = [(self.between(self.tool, part) @ give[part][..., None])[..., 0] for part in chunk_slices(len(give))]
+        return np.concatenate(parts)
+
+    def tool_load(self, force: FloatArray) -> FloatArray:
+        """``(n, c)`` load of forces ``(n, 3)`` on the tool."""
+        parts = [(force[part][:, None, :] @ self.between(self.tool, part))[:, 0] for part in chunk_slices(len(force))]
+        return np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class GiveHistory:
+    """Compliant coordinates over time: ``(n, c)`` values, rates and accelerations."""
+
+    give: FloatArray
+    rate: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Regeneration:
+    """Cutting forces that depend on the wave left by the last tooth.
+
+    Attributes:
+        stiffness: ``(n, 3, 3)`` force on the tool per motion since the last tooth [N/m], ground frame of the chains.
+        delay: Steps from tooth to tooth.
+    """
+
+    stiffness: FloatArray
+    delay: int
+
+
+def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray, ratios: FloatArray) -> LinearMotion:
+    """The linear model along a path.
+
+    Args:
+        model: The mechanism.
+        drive: What its drives do.
+        times: ``(n,)`` even steps [s].
+        ratios: Damping ratio of the first, second, ... mode, the last for all others; modes are those of each pose.
+    """
+    nodes = _nodes(times, NODE_SPACING)
+    states = drive.rigid_states(nodes)
+    motions = linearise_poses(model, states)
+    damping = modal_damping(motions, solve_pose_modes(motions), ratios)
+    load_nodes = _nodes(times, LOAD_SPACING)
+    rigid = np.concatenate([_rigid_load(model, drive, load_nodes[part]) for part in chunk_slices(len(load_nodes))])
+    return LinearMotion(
+        times=times,
+        nodes=nodes,
+        mass=motions.mass,
+        damping=damping,
+        stiffness=motions.stiffness,
+        tool=mark_motion(model, motions, model.tool)[:, :3],
+        sag=motions.gravity / motions.stiffness,
+        load=interpolate_nodes(times, load_nodes, rigid),
+    )
+
+
+def march_linear(
+    motion: LinearMotion, load: FloatArray, *, scheme: AlphaScheme | None = None, regeneration: Regeneration | None = None
+) -> GiveHistory:
+    """Generalised-α steps of the linear model under a load ``(n, c)``, from static rest at the first instant.
+
+    Raises:
+        ConvergenceError: The motion grows without bound, as regeneration can make it.
+    """
+    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
+    method = scheme_matrices(chosen, float(times[1] - times[0]))
+    state: FloatArray = np.zeros(4 * size)
+    state[:size] = load[0] / motion.stiffness[0]
+    history = np.empty((len(times), 4, size))
+    history[0] = state.reshape(4, size)
+    delay = 0 if regeneration is None else regeneration.delay
+    for part in chunk_slices(len(times)):
+        wave = None if regeneration is None else _wave_stiffness(motion, part, regeneration)
+        ahead, own, inverse = step_maps(motion, load, part, method, softer=wave)
+        states = history[part].reshape(-1, 4 * size)
+        for row in range(1 if part.start == 0 else 0, len(own)):
+            state = ahead[row] @ state
+            state += own[row]
+            if wave is not None:
+                past = history[max(0, part.start + row - delay), 0]
+                state -= np.outer(method[1], inverse[row] @ (wave[row] @ past)).ravel()
+            states[row] = state
+        if not np.isfinite(state).all():
+            raise ConvergenceError(f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable")
+    return GiveHistory(history[:, 0], history[:, 1], history[:, 2])
+
+
+def refine_motion(
+    model: CompliantMechanism,
+    drive: PathDrive,
+    motion: LinearMotion,
+    force: FloatArray,
+    first: GiveHistory,
+    *,
+    scheme: AlphaScheme | None = None,
+) -> GiveHistory:
+    """The nonlinear solution of the same steps, by sweeps from the linear one.
+
+    Raises:
+        ConvergenceError: The sweeps do not settle.
+    """
+    found, last = first, np.inf
+    states = drive.rigid_states(motion.times)
+    for _ in range(MAX_SWEEPS):
+        change = march_linear(motion, -_unbalanced(model, drive, motion, force, (found, states)), scheme=scheme)
+        found = GiveHistory(found.give + change.give, found.rate + change.rate, found.acceleration + change.acceleration)
+        size = float(np.abs(change.give).max())
+        if size < CONVERGED:
+            return found
+        if size > last:
+            break
+        last = size
+    raise ConvergenceError(f"the sweeps of the nonlinear motion stall at a correction of {size:.2g} m, wanted {CONVERGED:g} m")
+
+
+def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, give: FloatArray) -> FloatArray:
+    """``(n, 3)`` tool point of the mechanism that gives less that of the rigid one [m], ground frame of the chains."""
+    tool = model.mechanism.marks.index(model.tool)
+    gaps = []
+    for part in chunk_slices(len(times)):
+        driven, guess = drive.at(times[part]).position, drive.rigid_states(times[part])
+        bent, rigid = (
+            compose_state(model.mechanism, driven, coordinates, guess)[1].placement.positions[:, tool]
+            for coordinates in (give[part], np.zeros_like(give[part]))
+        )
+        gaps.append(bent - rigid)
+    return np.concatenate(gaps)
+
+
+def drive_forces(
+    model: CompliantMechanism, drive: PathDrive, times: FloatArray, history: GiveHistory, force: FloatArray
+) -> FloatArray:
+    """``(n, u)`` forces of the drives [N, N m] in a motion that has been solved (eq. 14)."""
+    found = []
+    for part in chunk_slices(len(times)):
+        moving, guess = (history.give[part], history.rate[part]), drive.rigid_states(times[part])
+        dynamics = _evaluate(model, drive.at(times[part]), guess, moving, force[part])
+        found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
+    return np.concatenate(found)
+
+
+def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) -> FloatArray:
+    none = np.zeros((len(times), len(model.mechanism.compliant)))
+    return _evaluate(model, drive.at(times), drive.rigid_states(times), (none, none), np.zeros((len(times), 3))).load
+
+
+def _unbalanced(
+    model: CompliantMechanism,
+    drive: PathDrive,
+    motion: LinearMotion,
+    force: FloatArray,
+    trial: tuple[GiveHistory, FloatArray],
+) -> FloatArray:
+    """``(n, c)`` what the nonlinear equations are off by [N]; the states that come with the trial are brought up to date."""
+    history, states = trial
+    found = np.empty_like(history.give)
+    for part in chunk_slices(len(motion.times)):
+        give, rate = history.give[part], history.rate[part]
+        dynamics = _evaluate(model, drive.at(motion.times[part]), states[part], (give, rate), force[part])
+        states[part] = dynamics.state
+        inertia = (dynamics.mass @ history.acceleration[part][..., None])[..., 0]
+        found[part] = (
+            inertia + (motion.between(motion.damping, part) @ rate[..., None])[..., 0] + dynamics.stiffness * give - dynamics.load
+        )
+    return found
+
+
+def _evaluate(
+    model: CompliantMechanism, drives: Drive, guess: FloatArray, moving: tuple[FloatArray, FloatArray], force: FloatArray
+) -> PartitionedDynamics:
+    """The full equations at many instants at once, from a guess of the states."""
+    give, rate = moving
+    return partition_dynamics(model, compose_state(model.mechanism, drives.position, give, guess), drives, rate, force)
+
+
+def scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatArray]:
+    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new acceleration``."""
+    am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
+    share = (1.0 - af) / (1.0 - am)
+    rest = np.array([0.0, 0.0, af, -am]) / (1.0 - am)
+    unit = np.eye(4)
+    position = unit[0] + h * unit[1] + h * h * ((0.5 - beta) * unit[3] + beta * rest)
+    velocity = unit[1] + h * ((1.0 - gamma) * unit[3] + gamma * rest)
+    return np.array([position, velocity, np.zeros(4), rest]), np.array([h * h * beta * share, h * gamma * share, 1.0, share])
+
+
+def step_maps(
+    motion: LinearMotion,
+    load: FloatArray,
+    part: slice,
+    method: tuple[FloatArray, FloatArray],
+    *,
+    softer: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Some steps as maps of the state, position after velocity after acceleration after auxiliary: ``new = ahead @ old + own``.
+
+    Args:
+        motion: The linear model.
+        load: ``(n, c)``.
+        part: Which steps.
+        method: From :func:`scheme_matrices`.
+        softer: ``(., c, c)`` stiffness to be taken off [N/m].
+
+    Returns:
+        ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the new acceleration.
+    """
+    (old, reach), size = method, load.shape[1]
+    mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
+    stiffness = motion.between(motion.stiffness, part)[:, :, None] * np.eye(size)
+    if softer is not None:
+        stiffness = stiffness - softer
+    inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
+    drift = np.kron(old, np.eye(size))
+    # the new acceleration answers to where the step would lead without one
+    answer = inverse @ (np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size])
+    ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(len(answer), 4 * size, 4 * size)
+    pushed = (inverse @ load[part][..., None])[..., 0]
+    return ahead, (reach[:, None] * pushed[:, None]).reshape(len(pushed), 4 * size), inverse
+
+
+def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:
+    tool = motion.between(motion.tool, part)
+    return np.asarray(np.swapaxes(tool, -1, -2) @ regeneration.stiffness[part] @ tool)
+
+
+def _nodes(times: FloatArray, spacing: float) -> FloatArray:
+    return np.linspace(times[0], times[-1], max(2, round((times[-1] - times[0]) / spacing) + 1))
+
+
+def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) -> FloatArray:
+    """Linear interpolation of ``(k, ...)`` values at even nodes."""
+    place = (times - nodes[0]) / (nodes[1] - nodes[0])
+    left = np.clip(place.astype(np.intp), 0, len(nodes) - 2)
+    share = (place - left).reshape(-1, *([1] * (values.ndim - 1)))
+    return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
+
+
+def chunk_slices(count: int) -> list[slice]:
+    """Parts of so many steps that are worked on together."""
+    return [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]

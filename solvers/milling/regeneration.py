@@ -1,0 +1,135 @@
+"""A compliant mechanism that cuts what its own tooth left before: the delay differential equation of milling, marched in time.
+
+The chip under a tooth is as thick as the tool's feed and its motion since an earlier tooth passed there; the thinnest over several
+teeth counts, because a tooth that jumps out leaves the wave of the one before it (Tlusty and Ismail 1981). A tooth out of the part
+cuts nothing, so an unstable cut grows to a limit cycle and not without bound. Radial engagement stays as it is without vibration.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
+from headstock.solvers.milling.contouring import GiveHistory, LinearMotion, chunk_slices, scheme_matrices, step_maps
+from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
+
+WAVES = 3  # teeth that are looked back
+
+
+@dataclass(frozen=True, eq=False)
+class CuttingPhase:
+    """What cuts at one angle of the spindle, ``k`` pieces of teeth, axes along the travel, away from the part, up.
+
+    Attributes:
+        normals: ``(2, k)`` direction of each chip's thickness.
+        chip: ``(3, k)`` force on the tool per thickness [N/m].
+        edge: ``(3, k)`` force on the tool wherever it cuts [N].
+        runout: ``(WAVES, k)`` thickness by runout, against each earlier tooth [m].
+    """
+
+    normals: FloatArray
+    chip: FloatArray
+    edge: FloatArray
+    runout: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RegenerativeCut:
+    """A cut along a path.
+
+    Attributes:
+        phases: One turn of the spindle, step by step.
+        delay: Steps from tooth to tooth.
+        feed: ``(n,)`` feed per tooth [m].
+        share: ``(n,)`` 0 where the tool is out of the part, 1 where it is in.
+        frame: ``(n, 3, 3)`` rows: along the travel, away from the part, up, in the ground frame of the chains.
+    """
+
+    phases: tuple[CuttingPhase, ...]
+    delay: int
+    feed: FloatArray
+    share: FloatArray
+    frame: FloatArray
+
+
+def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, ...]:
+    """The pieces of teeth in the cut over one turn.
+
+    Raises:
+        ModelError: A tooth period is no whole number of steps.
+    """
+    if steps_per_turn % cut.mill.teeth:
+        raise ModelError(
+            f"regeneration needs a whole number of steps from tooth to tooth; {steps_per_turn} steps per turn are no multiple of"
+            f" {cut.mill.teeth} teeth"
+        )
+    turn = 2.0 * np.pi / cut.spindle
+    theta, lag = tooth_angles(cut, np.arange(steps_per_turn) * turn / steps_per_turn)
+    runout = np.array([radius_differences(cut.mill, lag, wave) for wave in range(1, WAVES + 1)])
+    return tuple(_phase(cut, angles, runout) for angles in theta)
+
+
+def march_regenerative(
+    motion: LinearMotion, load: FloatArray, cut: RegenerativeCut, *, scheme: AlphaScheme | None = None
+) -> tuple[GiveHistory, FloatArray]:
+    """Generalised-α steps of the linear model with the chip of each instant, from static rest.
+
+    Args:
+        motion: The linear model.
+        load: ``(n, c)`` all other loads.
+        cut: What cuts.
+        scheme: Numerical damping.
+
+    Returns:
+        The motion and the ``(n, 3)`` force on the tool [N], ground frame of the chains.
+    """
+    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
+    method = scheme_matrices(chosen, float(times[1] - times[0]))
+    (position, *_), reach = method
+    state: FloatArray = np.zeros((4, size))
+    state[0] = load[0] / motion.stiffness[0]
+    history, force = np.empty((len(times), 4, size)), np.zeros((len(times), 3))
+    place = np.zeros((len(times), 3))
+    looks = cut.delay * np.arange(1, WAVES + 1)
+    for part in chunk_slices(len(times)):
+        ahead, own, inverse = step_maps(motion, load, part, method)
+        tool = motion.between(motion.tool, part)
+        for row in range(len(own)):
+            n = part.start + row
+            if n > 0:
+                # the chip is seen where the tool would be with the acceleration of the step before
+                trial = position @ state + reach[0] * state[2]
+                state = (ahead[row] @ state.ravel() + own[row]).reshape(4, size)
+                if cut.share[n] > 0.0:
+                    force[n] = _cut_force(cut, n, tool[row] @ trial - place[np.maximum(n - looks, 0)])
+                    state += np.outer(reach, inverse[row] @ (force[n] @ tool[row]))
+            history[n] = state
+            place[n] = tool[row] @ state[0]
+    return GiveHistory(history[:, 0], history[:, 1], history[:, 2]), force
+
+
+def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray:
+    """``(3,)`` force in the ground frame of the chains after motions ``(WAVES, 3)`` of the tool since the last teeth."""
+    phase, frame = cut.phases[step % len(cut.phases)], cut.frame[step]
+    fed = moved @ frame[:2].T
+    fed[:, 0] += cut.feed[step] * np.arange(1, WAVES + 1)
+    chip = (fed @ phase.normals + phase.runout).min(axis=0)
+    cutting = chip > 0.0
+    return np.asarray(cut.share[step] * ((phase.chip @ (chip * cutting) + phase.edge @ cutting) @ frame))
+
+
+def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> CuttingPhase:
+    teeth, slices = np.nonzero(engaged(cut, theta))
+    angle = theta[teeth, slices]
+    sine, cosine = np.sin(angle), np.cos(angle)
+    width = cut.axial_depth / cut.slices
+    down = -np.sign(cut.mill.helix or 1.0)
+
+    def push(coefficients: tuple[float, float, float]) -> FloatArray:
+        tangential, radial, axial = coefficients
+        rows = [-tangential * sine - radial * cosine, tangential * cosine - radial * sine, np.full_like(angle, down * axial)]
+        return np.asarray(width * np.stack(rows))
+
+    return CuttingPhase(np.stack([cosine, sine]), push(cut.coefficients.chip), push(cut.coefficients.edge), runout[:, teeth])

@@ -1,0 +1,1 @@
+"""Many runs or poses of one scene. Never printing, charts or reference values."""

@@ -1,0 +1,146 @@
+"""Variants of a machine side by side: which modes are the same, what each variant misses or adds, and how far apart they are."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
+from headstock.solvers.linear.mode_pairing import SAME_MODE, ModeSet, pair_modes
+from headstock.studies.variants import VariantSolution
+
+
+@dataclass(frozen=True)
+class ModeCell:
+    """A mode of one variant in its row.
+
+    Attributes:
+        index: Number of the mode in its variant, from 0.
+        frequency_hz: [Hz].
+        deviation: Relative deviation from the row's first variant; None there and for rigid-body modes.
+        correlation: MAC with the shape in the row's first variant; None there.
+    """
+
+    index: int
+    frequency_hz: float
+    deviation: float | None = None
+    correlation: float | None = None
+
+
+@dataclass(frozen=True)
+class ModeRow:
+    """One mode throughout the variants.
+
+    Attributes:
+        name: What it is called in the variant in which it was found first: the reference, if it is there.
+        origin: That variant.
+        cells: Variant to cell, that of the origin first; variants without this mode are not in it.
+    """
+
+    name: str
+    origin: str
+    cells: dict[str, ModeCell] = field(default_factory=dict)
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency in the variant in which it was found first [Hz]."""
+        return self.cells[self.origin].frequency_hz
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Variants side by side.
+
+    Attributes:
+        scene: Name of the scene.
+        pose: Pose they were solved in.
+        reference: Variant the others are held against.
+        solutions: By variant name, in the order asked for.
+        rows: Modes, rising.
+        same_from: Correlation from which two modes are the same.
+    """
+
+    scene: str
+    pose: str
+    reference: str
+    solutions: dict[str, VariantSolution]
+    rows: tuple[ModeRow, ...]
+    same_from: float
+
+
+@dataclass(eq=False)
+class _Family:
+    """Rows that begin in one place, and the shapes they begin with."""
+
+    rows: list[ModeRow]
+    modes: ModeSet
+
+
+def compare_variants(
+    solutions: Sequence[VariantSolution], *, scene: str, reference: str | None = None, same_from: float = SAME_MODE
+) -> Comparison:
+    """Pair the modes of all variants with those of a reference, and the rest with each other.
+
+    Motions are compared at places that stand for the mass of each body, the same in all variants whatever their fidelity.
+
+    Args:
+        solutions: At least one, all in the same pose.
+        scene: Name for headings.
+        reference: Variant to hold the others against; by default the first of those with most elastic, then segmented components.
+        same_from: Correlation below which modes are different ones. Modes of one model are orthogonal in energy, so no more than
+            one of them can correlate above 0.5 with a mode of another.
+    """
+    by_name = {solution.choice.name: solution for solution in solutions}
+    richest = sorted(by_name, key=lambda name: _richness(by_name[name]), reverse=True)
+    best = reference or richest[0]
+    order = [best, *(name for name in richest if name != best)]
+    places = {name: choose_places(part) for name, part in by_name[best].coupled.layout.superelements.items()}
+    families: list[_Family] = []
+    for name in order:
+        left = _mode_set(by_name[name], places)
+        numbers = list(range(len(left.frequencies_hz)))
+        for family in families:
+            left, numbers = _enter_cells(family, name, left, numbers, same_from)
+        rows = [
+            ModeRow(by_name[name].mode_names[i], name, {name: ModeCell(i, float(hz))})
+            for i, hz in zip(numbers, left.frequencies_hz, strict=True)
+        ]
+        families.append(_Family(rows, left))
+    every = [row for family in families for row in family.rows]
+    kept = [row for row in every if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())]
+    rows = sorted(kept, key=lambda row: row.frequency_hz)
+    return Comparison(scene, by_name[best].pose, best, by_name, tuple(rows), same_from)
+
+
+def full_dofs(solution: VariantSolution) -> int:
+    """Degrees of freedom of all components before reduction."""
+    return sum(facts.full_dofs for facts in solution.components.values())
+
+
+def _richness(solution: VariantSolution) -> tuple[int, int]:
+    """Number of elastic and of segmented components."""
+    kinds = [facts.fidelity for facts in solution.components.values()]
+    return kinds.count("elastic") + kinds.count("superelement"), kinds.count("segmented")
+
+
+def _mode_set(solution: VariantSolution, places: Mapping[str, BodyPlaces]) -> ModeSet:
+    if solution.modal is None:
+        return ModeSet(np.zeros(0), np.zeros((0, 0)))
+    shapes = machine_field(solution.coupled, places, solution.modal.shapes)
+    return ModeSet(solution.modal.frequencies_hz, shapes, min(solution.modal.rigid_count, shapes.shape[1]))
+
+
+def _enter_cells(family: _Family, name: str, modes: ModeSet, numbers: list[int], same_from: float) -> tuple[ModeSet, list[int]]:
+    """Enter a variant's modes into the rows they belong to; the modes that are left, with their numbers in the variant."""
+    pairs = pair_modes(family.modes, modes, same_from=same_from)
+    for pair in pairs:
+        row, hz = family.rows[pair.first], float(modes.frequencies_hz[pair.second])
+        rigid = pair.second < modes.rigid_count or pair.first < family.modes.rigid_count
+        deviation = None if rigid else hz / row.frequency_hz - 1.0
+        row.cells[name] = ModeCell(numbers[pair.second], hz, deviation, pair.correlation)
+    used = {pair.second for pair in pairs}
+    kept = [i for i in range(len(numbers)) if i not in used]
+    rigid_left = sum(i < modes.rigid_count for i in kept)
+    shapes: FloatArray = modes.field[:, kept]
+    return ModeSet(modes.frequencies_hz[kept], shapes, rigid_left), [numbers[i] for i in kept]

@@ -1,0 +1,225 @@
+"""What each effect does to a scene: the scene is run with the effect switched the other way, and its answers and time are compared."""
+
+import dataclasses
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.scene.schema.effects import EFFECT_NAMES
+from headstock.studies.effect_answers import Change, compare_answers
+
+LITTLE, MUCH = 1e-3, 1e-2  # changes of an answer below which an effect may be left out, and from which it is to be named
+QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
+REPEATS = 3
+# effects that act through another one
+NEEDS = {
+    "gravity_stiffening": "gravity",
+    "regeneration": "cutting_force",
+    "friction": "drive_control",
+    "screw_inertia": "drive_control",
+}
+
+
+@dataclass(frozen=True)
+class ScenePlan:
+    """A scene and how it is read.
+
+    Attributes:
+        path: The file.
+        variant: Of the scene.
+        overrides: ``key=value``.
+        analyses: Only these; all where it is empty.
+    """
+
+    path: Path
+    variant: str | None = None
+    overrides: tuple[str, ...] = ()
+    analyses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EffectTrial:
+    """What an effect does.
+
+    Attributes:
+        effect: Its name.
+        named: Whether the scene names it.
+        changes: Of each answer, the largest first.
+        seconds_with: Processor time of the run with it [s].
+        seconds_without: And without it [s].
+        noise: By which share runs of the same scene differ in time.
+        obstacle: Why it could not be tried; empty where it was.
+        beside: Effect it acts through, on in both runs though the scene does not name it; empty elsewhere.
+    """
+
+    effect: str
+    named: bool
+    changes: tuple[Change, ...] = ()
+    seconds_with: float = 0.0
+    seconds_without: float = 0.0
+    noise: float = 0.0
+    obstacle: str = ""
+    beside: str = ""
+
+    @property
+    def largest(self) -> float:
+        """Largest change of any answer."""
+        return max((change.share for change in self.changes), default=0.0)
+
+    @property
+    def time_share(self) -> float:
+        """Share of the run's processor time that the effect takes; zero where it is within the noise, or nothing moved."""
+        share = 1.0 - self.seconds_without / self.seconds_with if self.seconds_with else 0.0
+        return share if share > self.noise and self.largest > 0.0 else 0.0
+
+    @property
+    def advice(self) -> str:
+        """What to do with it."""
+        if self.obstacle:
+            return "not tried"
+        if self.largest == 0.0:
+            return "moves nothing that was asked for"
+        if self.largest < LITTLE:
+            return "leave it out" if self.named else "rightly left out"
+        if self.largest < MUCH:
+            return "keep it for the third digit" if self.named else "name it for the third digit"
+        return "keep it" if self.named else "name it"
+
+
+def try_effects(plan: ScenePlan, store: Store, *, announce: Callable[[str], None] = lambda text: None) -> Iterator[EffectTrial]:
+    """Run a scene as written, then once per effect with that effect switched the other way.
+
+    Args:
+        plan: The scene.
+        store: Where meshes and superelements are kept: no effect changes them, and no time of theirs is counted.
+        announce: Told what is run.
+
+    Raises:
+        SceneError: The scene as written has problems.
+        HeadstockError: It cannot be run as written.
+    """
+    bench = _Bench(plan, store, announce)
+    scene, written = bench.scene, bench.run((), least=2)
+    for effect in EFFECT_NAMES:
+        named, beside = effect in scene.effects, _missing_need(effect, scene)
+        try:
+            with_need = bench.run((f"effects.{beside}=true",)) if beside else written
+            other = bench.run((*((f"effects.{beside}=true",) if beside else ()), *_switch(effect, scene)))
+        except SceneError as error:
+            yield EffectTrial(effect, named, obstacle=error.problems[0].message)
+        except HeadstockError as error:
+            yield EffectTrial(effect, named, obstacle=str(error))
+        else:
+            without, present = (other, with_need) if named else (with_need, other)
+            changes = sorted(compare_answers(without.summary, present.summary), key=lambda change: -change.share)
+            noise = max(written.noise, with_need.noise, other.noise)
+            yield EffectTrial(effect, named, tuple(changes), min(present.seconds), min(without.seconds), noise, beside=beside)
+
+
+def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
+    """Those that move the answers most come first, those that were not tried last."""
+    return sorted(trials, key=lambda trial: (bool(trial.obstacle), -trial.largest, trial.effect))
+
+
+def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> Json:
+    """As JSON."""
+    return {
+        "scene": scene,
+        "little": LITTLE,
+        "much": MUCH,
+        "effects": [
+            {
+                "effect": trial.effect,
+                "named": trial.named,
+                "beside": trial.beside or None,
+                "obstacle": trial.obstacle or None,
+                "largest_change": trial.largest,
+                "seconds_with": trial.seconds_with,
+                "seconds_without": trial.seconds_without,
+                "time_share": trial.time_share,
+                "time_noise": trial.noise,
+                "advice": trial.advice,
+                "changes": [dataclasses.asdict(change) for change in trial.changes],
+            }
+            for trial in trials
+        ],
+    }
+
+
+def _switch(effect: str, scene: Scene) -> tuple[str, ...]:
+    """Overrides that switch an effect the other way, and those that act through it off with it."""
+    if effect not in scene.effects:
+        return (f"effects.{effect}=true",)
+    others = [name for name, needed in NEEDS.items() if needed == effect and name in scene.effects]
+    return tuple(f"effects.{name}=false" for name in (effect, *others))
+
+
+def _missing_need(effect: str, scene: Scene) -> str:
+    """The effect that another one acts through, where the scene names neither; empty elsewhere."""
+    need = NEEDS.get(effect, "")
+    return "" if effect in scene.effects or need in scene.effects else need
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Answers of a scene and the processor times of its runs [s]."""
+
+    summary: Json
+    seconds: list[float]
+
+    @property
+    def noise(self) -> float:
+        """By which share the times differ."""
+        return max(self.seconds) / min(self.seconds) - 1.0
+
+
+class _Bench:
+    """Runs a scene with effects switched, each choice of them once."""
+
+    def __init__(self, plan: ScenePlan, store: Store, announce: Callable[[str], None]) -> None:
+        self._plan, self._store, self._announce = plan, store, announce
+        self._known: dict[tuple[str, ...], _Run] = {}
+        self.scene = _load(plan, ())
+        announce("as written")
+        _run(self.scene, store)
+
+    def run(self, switches: tuple[str, ...], *, least: int = 1) -> _Run:
+        """A run with overrides; raises what loading and running raise."""
+        if switches not in self._known:
+            scene = _load(self._plan, switches)
+            self._announce(" ".join(switches) or "as written")
+            self._known[switches] = _Run(*_run_timed(scene, self._store, least=least))
+        return self._known[switches]
+
+
+def _load(plan: ScenePlan, switches: tuple[str, ...]) -> Scene:
+    scene = load_scene(plan.path, variant=plan.variant, overrides=[*plan.overrides, *switches])
+    return keep_analyses(scene, plan.analyses) if plan.analyses else scene
+
+
+def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[Json, list[float]]:
+    """Summary and processor times of a run, repeated where it is short."""
+    summary, first = _run(scene, store)
+    times = [first]
+    while len(times) < (REPEATS if first < QUICK else least):
+        times.append(_run(scene, store)[1])
+    return summary, times
+
+
+def _run(scene: Scene, store: Store) -> tuple[Json, float]:
+    with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
+        begun = time.process_time()
+        results = run_scene(scene, Path(folder), comm=MPI.COMM_SELF, store=store)
+        return summarise(results), time.process_time() - begun

@@ -1,0 +1,1 @@
+"""Parameters from measurements: targets, model and slopes, descent, statistics, what it leaves. Never other searches."""

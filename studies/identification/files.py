@@ -1,0 +1,166 @@
+"""What an identification leaves: its numbers as JSON, and the fitted values as variants to paste into the scene."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.reading.findings import show_key
+from headstock.scene.reading.keys import write_number, written_unit
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.scene import Scene
+from headstock.studies.identification.descent import StartRecord
+from headstock.studies.identification.identification import FittedParameter, Identification, TargetOutcome
+from headstock.studies.identification.identification_problem import FitProblem
+
+OVERRIDES_FILE = "calibrated.toml"
+RECORD_FILE = "identification.json"
+VARIANT = "calibrated"
+CORRELATION_SHOWN = 0.9
+_SCALES = {"frequency": 1.0, "compliance": 1e9}
+_UNITS = {"frequency": "Hz", "compliance": "um/kN"}
+
+
+def summarise_identification(found: Identification) -> Json:
+    """Everything that was found, as JSON holds it."""
+    names = [item.parameter.name for item in found.parameters]
+    correlations = found.statistics.correlations
+    return {
+        "name": found.name,
+        "status": "converged" if found.converged else "not converged",
+        "parameters": {item.parameter.name: _summarise_parameter(item) for item in found.parameters},
+        "unobservable": [
+            {"direction": dict(blind.entries), "text": str(blind), "spread_over_allowed": _finite(blind.spread)}
+            for blind in found.statistics.blind
+        ],
+        "correlated": [
+            {"parameters": [names[i], names[j]], "correlation": float(correlations[i, j])}
+            for i in range(len(names))
+            for j in range(i)
+            if abs(correlations[i, j]) >= CORRELATION_SHOWN
+        ],
+        "targets": [_summarise_outcome(item) for item in found.outcomes],
+        "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
+        "noise_over_tolerance": found.statistics.noise,
+        "degrees_of_freedom": found.statistics.freedom,
+        "starts": [_summarise_start(found.problem, record, index == found.best) for index, record in enumerate(found.starts)],
+        "keys": {
+            variant or "": {show_key(key): written for key, written in values.items()}
+            for variant, values in write_keys(found).items()
+        },
+    }
+
+
+def write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | float]]:
+    """By variant of the target file: every key that follows a parameter with its fitted value as the scene writes it."""
+    result: dict[str | None, dict[KeyPath, str | float]] = {}
+    for state in found.point.states:
+        parametric = state.model.parametric
+        raw = parametric.scene.raw
+        result[state.model.case.variant] = {
+            law.key: write_number(law.value(found.values), written_unit(raw, law.key)) for law in parametric.laws
+        }
+    return result
+
+
+def render_overrides(found: Identification, written: Scene, command: str) -> str:
+    """Fitted values as variants of the scene.
+
+    Args:
+        found: What was fitted.
+        written: The scene without a variant: what it holds goes into ``calibrated``; keys and values that only one variant has go
+            into ``calibrated_VARIANT``, to be applied after it.
+        command: How to get this file again.
+    """
+    keys = write_keys(found)
+    shared = {key: value for values in keys.values() for key, value in values.items() if _has(written.raw, key)}
+    lines = [f"# {command}", "# Paste below the scene's own variants; apply as --variant VARIANT+calibrated."]
+    lines += [f"# {_describe(item)}" for item in found.parameters]
+    lines += ["", f"[variants.{VARIANT}]", *_entries(shared)]
+    for variant, values in keys.items():
+        own = {key: value for key, value in values.items() if shared.get(key) != value}
+        if own:
+            name = f"{VARIANT}_{(variant or 'written').replace('+', '_')}"
+            lines += ["", f"# --variant {variant}+{VARIANT}+{name}", f"[variants.{name}]", *_entries(own)]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(values: Mapping[KeyPath, str | float]) -> list[str]:
+    return [f'"{show_key(key)}" = ' + (f'"{value}"' if isinstance(value, str) else repr(value)) for key, value in values.items()]
+
+
+def _has(raw: Mapping[str, Any], key: KeyPath) -> bool:
+    """Whether the scene as written holds a key, and not as rigid."""
+    place: Any = raw
+    for part in key:
+        inside = (
+            part in place if isinstance(place, dict) else isinstance(place, list) and isinstance(part, int) and part < len(place)
+        )
+        if not inside:
+            return False
+        place = place[part]
+    return bool(place != "rigid")
+
+
+def _describe(item: FittedParameter) -> str:
+    unit = item.parameter.unit
+    value = write_number(item.value, unit, 4)
+    if not math.isfinite(item.low):
+        return f"{item.parameter.name} = {value}, 95 % interval: none, neither data nor a prior bound it"
+    return f"{item.parameter.name} = {value}, 95 % interval {write_number(item.low, unit, 4)} .. {write_number(item.high, unit, 4)}"
+
+
+def _summarise_parameter(item: FittedParameter) -> Json:
+    parameter = item.parameter
+    numbers = {"value": item.value, "low_95": item.low, "high_95": item.high, "start": parameter.start, "prior": parameter.prior}
+    return {
+        "unit": parameter.unit,
+        **{name: _in_unit(value, parameter.unit) for name, value in numbers.items()},
+        "bounds": [_in_unit(parameter.lower, parameter.unit), _in_unit(parameter.upper, parameter.unit)],
+        "prior_sigma": parameter.prior_sigma,
+        "scale": "log" if parameter.logarithmic else "linear",
+        "seen_by_data": item.seen,
+        "at_bound": item.at_bound or None,
+    }
+
+
+def _summarise_outcome(item: TargetOutcome) -> Json:
+    scale = _SCALES[item.kind]
+    return {
+        "case": item.case,
+        "name": item.name,
+        "kind": item.kind,
+        "unit": _UNITS[item.kind],
+        "measured": item.wanted * scale,
+        "model": item.found * scale,
+        "deviation": item.deviation,
+        "residual_sigma": item.residual,
+        "mac": item.mac,
+        "mode": item.mode or None,
+        "hold_out": item.hold_out,
+    }
+
+
+def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> Json:
+    return {
+        "sum_of_squares": _finite(2.0 * record.cost),
+        "evaluations": record.evaluations,
+        "refused_evaluations": record.refused,
+        "exchanges_of_modes": record.exchanges,
+        "converged": record.converged,
+        "reason": record.reason,
+        "kept": best,
+        "start": problem.values(record.start),
+        "end": None if record.end is None else problem.values(record.end.coordinates),
+    }
+
+
+def _in_unit(value: float | None, unit: str) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None
+    written = write_number(value, unit, 12)
+    return written if isinstance(written, float) else float(written.split(" ")[0])
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,250 @@
+"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.runner import HANDLERS
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import ModalRequest
+from headstock.scene.scene import Scene
+from headstock.studies.identification.bound_checks import check_bounds
+from headstock.studies.identification.cases import make_case
+from headstock.studies.identification.descent import StartRecord, fit
+from headstock.studies.identification.identification_problem import FitPoint, FitProblem, data_jacobian
+from headstock.studies.identification.parametric_scene_2 import ParametricScene, make_parametric
+from headstock.studies.identification.problem import compare_shape, compliance_gap
+from headstock.studies.identification.statistics import FitStatistics, assess
+from headstock.studies.identification.target_files_2 import LoadedTask
+from headstock.studies.identification.targets import Parameter, TargetCase
+
+COMPONENT_STAGES = ("mesh", "reduce", "rigid", "segment", "load")
+UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
+BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter after the fit, SI.
+
+    Attributes:
+        parameter: As asked for.
+        value: Fitted.
+        low: Lower end of the 95 % interval; nan where neither data nor prior give one.
+        high: Upper end.
+        seen: Share of the variance allowed beforehand that the data take away.
+        at_bound: ``lower``, ``upper`` or empty.
+    """
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
+    seen: float
+    at_bound: str
+
+
+@dataclass(frozen=True)
+class TargetOutcome:
+    """A target beside what the fitted model gives.
+
+    Attributes:
+        case: Its case.
+        name: Of the target.
+        kind: ``frequency`` [Hz] or ``compliance`` [m/N].
+        wanted: Measured.
+        found: Of the fitted model.
+        residual: In standard deviations.
+        mac: With the described or measured shape, or None.
+        mode: Number of the mode above the floor, from 1; 0 for compliances.
+        hold_out: Predicted, not fitted.
+    """
+
+    case: str
+    name: str
+    kind: str
+    wanted: float
+    found: float
+    residual: float
+    mac: float | None
+    mode: int
+    hold_out: bool
+
+    @property
+    def deviation(self) -> float:
+        """Relative deviation of the model."""
+        return self.found / self.wanted - 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What a fit found.
+
+    Attributes:
+        name: Of the target file.
+        parameters: In the order of the file.
+        outcomes: Every target, held-out ones too.
+        extra_hz: By case: modes above the floor and below the highest target or the limit that meet no target [Hz].
+        starts: How each start ended.
+        best: Index of the start that was kept.
+        statistics: Spread of the fitted coordinates.
+        problem: What was fitted.
+        point: Where it ended.
+    """
+
+    name: str
+    parameters: tuple[FittedParameter, ...]
+    outcomes: tuple[TargetOutcome, ...]
+    extra_hz: dict[str, tuple[float, ...]]
+    starts: tuple[StartRecord, ...]
+    best: int
+    statistics: FitStatistics
+    problem: FitProblem
+    point: FitPoint
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted values by parameter, SI."""
+        return {item.parameter.name: item.value for item in self.parameters}
+
+    @property
+    def converged(self) -> bool:
+        """The start that was kept met a tolerance."""
+        return self.starts[self.best].converged
+
+
+def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProblem:
+    """Reduce every component once and tie the scenes to the parameters.
+
+    Raises:
+        SceneError: The scene cannot be built with the starts or at a bound.
+        HeadstockError: A component cannot be reduced.
+    """
+    scenes: dict[str | None, ParametricScene] = {}
+    cases = []
+    for case in loaded.task.cases:
+        if case.variant not in scenes:
+            scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
+            superelements = reduce_components(scene, store, comm)
+            scenes[case.variant] = make_parametric(scene, superelements, loaded.task.parameters, scenes.values())
+        poses = loaded.scenes[case.variant].poses
+        pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
+        cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
+    problem = FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
+    check_bounds(problem, loaded.findings)
+    return problem
+
+
+def reduce_components(scene: Scene, store: Store, comm: MPI.Comm) -> dict[str, Superelement]:
+    """Superelements of a scene's components, elastic ones from the store where they are there."""
+    state = RunState(scene, plan_scene(scene), comm, store)
+    for stage in state.plan.stages:
+        if stage.kind in COMPONENT_STAGES:
+            HANDLERS[stage.kind](state, stage)
+    return {name: state.reduced[name].superelement for name in state.plan.components}
+
+
+def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], None] = lambda record: None) -> Identification:
+    """Fit the parameters and say what is known of them.
+
+    Args:
+        problem: Prepared cases and parameters.
+        name: For reports.
+        observer: Told of each start as it ends.
+
+    Raises:
+        ConvergenceError: No start could be computed.
+    """
+    starts = fit(problem, observer)
+    best = int(np.argmin([record.cost for record in starts]))
+    point = starts[best].end
+    if point is None:
+        raise AssertionError("a fit ended without a point and without saying why")
+    _, prior_sigmas = problem.priors
+    statistics = assess(
+        [parameter.name for parameter in problem.parameters],
+        data_jacobian(problem, point),
+        point.residuals,
+        prior_sigmas,
+        problem.upper - problem.lower,
+        from_residuals=problem.settings.noise == "residuals",
+    )
+    return Identification(
+        name=name,
+        parameters=_fitted(problem, point, statistics),
+        outcomes=tuple(outcome for index in range(len(point.states)) for outcome in _outcomes(point, index)),
+        extra_hz={state.model.case.name: _extra_modes(point, index) for index, state in enumerate(point.states)},
+        starts=starts,
+        best=best,
+        statistics=statistics,
+        problem=problem,
+        point=point,
+    )
+
+
+def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
+    """The scene with a modal analysis that reaches past the targets, so that elastic components keep the modes this takes."""
+    highest = max((target.frequency_hz for case in cases for target in case.modes), default=0.0)
+    asked = scene.analyses.modal
+    if highest == 0.0 or (asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest):
+        return scene
+    return dataclasses.replace(scene, analyses=dataclasses.replace(scene.analyses, modal=ModalRequest(None, 1.5 * highest, ())))
+
+
+def _fitted(problem: FitProblem, point: FitPoint, statistics: FitStatistics) -> tuple[FittedParameter, ...]:
+    reach = statistics.quantile * statistics.sigmas
+    known = reach < UNKNOWN
+    ends = (point.coordinates + side * np.where(known, reach, 0.0) for side in (0.0, -1.0, 1.0))
+    value, low, high = (problem.values(end) for end in ends)
+    return tuple(
+        FittedParameter(
+            parameter=parameter,
+            value=value[parameter.name],
+            low=low[parameter.name] if known[index] else np.nan,
+            high=high[parameter.name] if known[index] else np.nan,
+            seen=float(statistics.seen[index]),
+            at_bound=_at_bound(problem, point.coordinates, index),
+        )
+        for index, parameter in enumerate(problem.parameters)
+    )
+
+
+def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
+    share = (coordinates - problem.lower)[index] / (problem.upper - problem.lower)[index]
+    return "lower" if share < BOUND_SHARE else "upper" if share > 1.0 - BOUND_SHARE else ""
+
+
+def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
+    state, pairing = point.states[index], point.pairings[index]
+    case, found = state.model.case, []
+    for target, mode in zip(case.modes, pairing.modes, strict=True):
+        frequency = float(state.frequencies_hz[mode])
+        residual = float(np.log(frequency / target.frequency_hz) / target.sigma)
+        mac = None if target.shape is None else float(compare_shape(state, target.shape)[mode])
+        found.append(
+            TargetOutcome(
+                case.name, target.name, "frequency", target.frequency_hz, frequency, residual, mac, mode + 1, target.hold_out
+            )
+        )
+    for number, compliance in enumerate(case.compliances):
+        value = float(state.compliances[number])
+        value = abs(value) if compliance.either_sign else value
+        gap = compliance_gap(compliance, value)
+        found.append(
+            TargetOutcome(case.name, compliance.name, "compliance", compliance.value, value, gap, None, 0, compliance.hold_out)
+        )
+    return found
+
+
+def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:
+    state, paired = point.states[index], set(point.pairings[index].modes)
+    case = state.model.case
+    top = max([target.frequency_hz for target in case.modes] + ([case.limit.below_hz] if case.limit else []), default=0.0)
+    return tuple(float(f) for i, f in enumerate(state.frequencies_hz) if i not in paired and f < top)

@@ -1,0 +1,267 @@
+"""Components and joints of a scene whose numbers follow parameters; each remembers what it has built."""
+
+import dataclasses
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import Frame
+from headstock.geometry.machine.joints import Joint
+from headstock.geometry.parts.components import Component, Load
+from headstock.meshing.components.meshing import describe_component
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.superelement import Superelement
+from headstock.scene.building.components import NO_MATERIAL, build_component, build_material, build_solid
+from headstock.scene.building.joints import KINDS
+from headstock.scene.building.patch_checks import find_patch_fault
+from headstock.scene.reading.findings import show_key
+from headstock.scene.reading.keys import NUMBER, replace_numbers
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import Dimension, Quantity
+from headstock.scene.scene import Scene
+from headstock.scene.schema.components import ComponentTable, MaterialTable
+from headstock.solvers.errors import ModelError
+from headstock.studies.identification.targets import KeyRule, Parameter
+
+REMEMBERED = 64  # builds of one entry that are kept
+
+
+class ParameterValueError(ModelError):
+    """A value of a parameter with which the scene cannot be built."""
+
+
+@dataclass(frozen=True)
+class KeyLaw:
+    """How one number of a scene follows the parameters.
+
+    Attributes:
+        key: Its key.
+        written: Its value in the scene, SI.
+        dimension: What it measures.
+        rules: Parameter and rule, in the order of the file.
+    """
+
+    key: KeyPath
+    written: float
+    dimension: Dimension
+    rules: tuple[tuple[Parameter, KeyRule], ...]
+
+    def rules_content(self) -> tuple[Any, ...]:
+        """What the rules do, wherever the key stands."""
+        return tuple((parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules)
+
+    def value(self, values: Mapping[str, float]) -> float:
+        """The number for given parameter values, SI: what sets it, times what multiplies it, plus what shifts it."""
+        base, product, shift = self.written, 1.0, 0.0
+        for parameter, rule in self.rules:
+            p = values[parameter.name]
+            if rule.kind == "set":
+                base = rule.factor * p + rule.offset
+            elif rule.kind == "multiply":
+                product *= (p / parameter.reference) ** rule.factor
+            else:
+                shift += rule.factor * (p - parameter.reference)
+        return base * product + shift
+
+    def slope(self, values: Mapping[str, float], name: str) -> float:
+        """Its derivative by one parameter."""
+        base, product, shift, base_slope, product_slope = self.written, 1.0, 0.0, 0.0, 0.0
+        for parameter, rule in self.rules:
+            p, mine = values[parameter.name], parameter.name == name
+            if rule.kind == "set":
+                base, base_slope = rule.factor * p + rule.offset, rule.factor if mine else base_slope
+            elif rule.kind == "multiply":
+                product *= (p / parameter.reference) ** rule.factor
+                product_slope += rule.factor / p if mine else 0.0
+            elif mine:
+                shift += rule.factor
+        return product * (base_slope + base * product_slope) + shift
+
+
+@dataclass(eq=False)
+class ParametricJoint:
+    """A joint whose stiffness and place follow parameters.
+
+    Attributes:
+        written: As in the scene.
+        laws: Of its keys.
+    """
+
+    written: Joint
+    laws: tuple[KeyLaw, ...]
+
+    def build(self, values: Mapping[str, float]) -> Joint:
+        """The joint for given parameter values.
+
+        Raises:
+            ParameterValueError: A stiffness is negative.
+        """
+        stiffness = self.written.stiffness.copy()
+        point = None if self.written.point is None else self.written.point.copy()
+        for law in self.laws:
+            number = law.value(values)
+            if law.key[2] == "at" and point is not None:
+                point[int(law.key[3])] = number
+                continue
+            if number < 0.0 <= law.written:
+                raise ParameterValueError(f"{show_key(law.key)} is {number:g} in SI units, below zero")
+            for dof in self.dofs(law):
+                stiffness[dof, dof] = number
+        return dataclasses.replace(self.written, stiffness=stiffness, point=point)
+
+    @property
+    def stiffness_laws(self) -> tuple[KeyLaw, ...]:
+        """Laws of its stiffnesses."""
+        return tuple(law for law in self.laws if law.key[2] == "stiffness")
+
+    def dofs(self, law: KeyLaw) -> tuple[int, ...]:
+        """Joint dofs that the stiffness of a law acts on."""
+        return KINDS[self.written.kind].keys[str(law.key[3])]
+
+
+@dataclass(eq=False)
+class ParametricShape:
+    """What a component is made of: solid, interfaces, mass and material, wherever it stands.
+
+    Attributes:
+        scene: Variant it stands in.
+        name: Component it is read from; others of the same content share it.
+        superelement: Of the component as written.
+        laws: Of its keys and of those of its material, places left out.
+    """
+
+    scene: Scene
+    name: str
+    superelement: Superelement
+    laws: tuple[KeyLaw, ...]
+    _known: OrderedDict[tuple[float, ...], tuple[Component, Superelement]] = field(default_factory=OrderedDict)
+
+    def build(self, values: Mapping[str, float]) -> tuple[Component, Superelement]:
+        """A component where the scene puts this one, and its superelement.
+
+        Raises:
+            ParameterValueError: It cannot be built with these values.
+        """
+        numbers = tuple(law.value(values) for law in self.laws)
+        if numbers in self._known:
+            self._known.move_to_end(numbers)
+            return self._known[numbers]
+        try:
+            self._known[numbers] = self._make(numbers)
+        except (ValidationError, ValueError, HeadstockError) as error:
+            raise ParameterValueError(f"components.{self.name}: {_explain(error)}") from error
+        if len(self._known) > REMEMBERED:
+            self._known.popitem(last=False)
+        return self._known[numbers]
+
+    def content(self) -> tuple[Any, ...]:
+        """What decides what is built, name and place left out."""
+        entry = {key: value for key, value in self.scene.raw["components"][self.name].items() if key != "at"}
+        material = self.scene.raw.get("materials", {}).get(entry.get("material"))
+        laws = [(law.key[2:] if law.key[0] == "components" else law.key, law.written, law.rules_content()) for law in self.laws]
+        loads = [dataclasses.replace(load, component="") for load in self._loads()]
+        rails = {key: item.rail for key, item in self.scene.machine.components[self.name].interfaces.items()}
+        return entry, material, laws, loads, rails, self.scene.path
+
+    def _make(self, numbers: tuple[float, ...]) -> tuple[Component, Superelement]:
+        written = self.scene.machine.components[self.name]
+        if not self.laws:
+            return written, self.superelement
+        table = ComponentTable.model_validate(self._entry("components", self.name, numbers))
+        solid = build_solid(table.solid, self.scene.path.parent)
+        material = NO_MATERIAL
+        if table.material is not None:
+            entry = self._entry("materials", table.material, numbers)
+            material = build_material(table.material, MaterialTable.model_validate(entry))
+        stations = {key: item.rail.stations for key, item in written.interfaces.items() if item.rail is not None}
+        component = build_component(self.name, table, solid, material, free=written.free, stations=stations)
+        component = dataclasses.replace(component, reduction=written.reduction)
+        if component.fidelity == "elastic":
+            return component, _rescale(self.superelement, written, component)
+        for key, interface in table.interfaces.items():
+            for patch in interface.patch_tables():
+                if fault := find_patch_fault(patch, solid):
+                    raise ValueError(f"interfaces.{key}: {fault}")
+        reduce: Callable[..., Superelement] = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
+        return component, reduce(component, describe_component(component), self._loads())
+
+    def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> Any:
+        own = {
+            law.key[2:]: number if law.dimension == NUMBER else Quantity(number, law.dimension)
+            for law, number in zip(self.laws, numbers, strict=True)
+            if law.key[:2] == (section, name)
+        }
+        return replace_numbers(self.scene.raw[section][name], own)
+
+    def _loads(self) -> tuple[Load, ...]:
+        return tuple(load for load in self.scene.machine.loads.values() if load.component == self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricComponent:
+    """A component whose shape and place follow parameters.
+
+    Attributes:
+        written: As in the scene.
+        shape: What it is made of; shared with components that are made alike.
+        laws: All of its laws.
+    """
+
+    written: Component
+    shape: ParametricShape
+    laws: tuple[KeyLaw, ...]
+
+    def build(self, values: Mapping[str, float]) -> tuple[Component, Superelement]:
+        """The component and its superelement for given parameter values.
+
+        Raises:
+            ParameterValueError: It cannot be built with them.
+        """
+        made, superelement = self.shape.build(values)
+        origin = self.written.placement.origin.copy()
+        for law in self.laws:
+            if moves(law):
+                origin[int(law.key[3])] = law.value(values)
+        name = self.written.name
+        component = dataclasses.replace(made, name=name, placement=Frame(origin, made.placement.rotation))
+        return component, superelement if superelement.name == name else dataclasses.replace(superelement, name=name)
+
+
+def moves(law: KeyLaw) -> bool:
+    """Whether a law is of a component's place and of nothing else."""
+    return law.key[0] == "components" and law.key[2] == "at"
+
+
+def _rescale(superelement: Superelement, before: Component, after: Component) -> Superelement:
+    """An elastic superelement for another modulus, density or mass: shapes and modal dofs stay as they are, which is exact."""
+    stiffer = _ratio(after.material.youngs_modulus, before.material.youngs_modulus)
+    heavier = _ratio(after.mass, before.mass) if after.mass is not None else _ratio(after.material.density, before.material.density)
+    if stiffer == 1.0 and heavier == 1.0:
+        return superelement
+    faster = float(np.sqrt(stiffer / heavier))
+    return dataclasses.replace(
+        superelement,
+        stiffness=np.asarray(stiffer * superelement.stiffness),
+        mass=np.asarray(heavier * superelement.mass),
+        mass_kg=heavier * superelement.mass_kg,
+        inertia=np.asarray(heavier * superelement.inertia),
+        modal_frequencies_hz=np.asarray(faster * superelement.modal_frequencies_hz),
+        cutoff_hz=faster * superelement.cutoff_hz,
+    )
+
+
+def _ratio(after: float | None, before: float | None) -> float:
+    return after / before if after and before else 1.0
+
+
+def _explain(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        detail = error.errors(include_url=False)[0]
+        return f"{show_key(tuple(part for part in detail['loc'] if part != '[key]'))} {detail['msg']}"
+    return str(error)

@@ -1,0 +1,176 @@
+"""Weighed differences between a model and its targets, and how they change with the parameters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from headstock.geometry.frames import FloatArray
+from headstock.studies.identification.cases import CaseSlope, CaseState, slope_motions
+from headstock.studies.identification.targets import ComplianceTarget, ShapeTarget
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Which mode of a case meets which target: index into the modes above the floor, one per mode target."""
+
+    modes: tuple[int, ...]
+
+
+def pair_modes(state: CaseState) -> Pairing:
+    """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and shapes.
+
+    Held-out targets take part: they are told apart by what is known of them, and add nothing to the fit.
+    """
+    targets = state.model.case.modes
+    if not targets:
+        return Pairing(())
+    distance = np.log(state.frequencies_hz[None, :] / np.array([target.frequency_hz for target in targets])[:, None])
+    cost = (distance / np.array([target.sigma for target in targets])[:, None]) ** 2 + shape_costs(state)
+    return Pairing(tuple(int(column) for column in linear_sum_assignment(cost)[1]))
+
+
+def shape_costs(state: CaseState) -> FloatArray:
+    """What each target ``(t, m)`` would pay for the shape of each mode."""
+    cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
+    for row, target in enumerate(state.model.case.modes):
+        if target.shape is not None:
+            cost[row] = (1.0 - compare_shape(state, target.shape)) / target.shape.tolerance**2
+    return cost
+
+
+def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
+    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier state."""
+    if not pairing.modes:
+        return pairing
+    weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
+    products = (weighed.T @ state.motions) ** 2
+    sizes = np.einsum("ij,ij->j", state.motions, before.slopes.mass_times(state.motions))
+    return Pairing(tuple(int(column) for column in linear_sum_assignment(1.0 - products / sizes)[1]))
+
+
+def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
+    """MAC ``(m,)`` of a target shape with every mode.
+
+    Source: Allemang and Brown (1982).
+    """
+    seen, wanted = _seen_shapes(state, shape)
+    sizes = np.maximum(np.einsum("ij,ij->j", seen, seen), np.finfo(float).tiny)
+    return np.asarray((wanted @ seen) ** 2 / sizes)
+
+
+def case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
+    """Residuals over their standard deviations: frequencies, shapes, compliances, the limit on modes; held-out ones left out."""
+    parts: list[FloatArray] = []
+    for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
+        if target.hold_out:
+            continue
+        parts.append(np.array([np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma]))
+        if target.shape is not None:
+            parts.append(_shape_gap(state, target.shape, mode))
+    for index, compliance in enumerate(state.model.case.compliances):
+        if not compliance.hold_out:
+            parts.append(np.array([compliance_gap(compliance, float(state.compliances[index]))]))
+    limit = state.model.case.limit
+    if limit is not None:
+        parts.append(np.array([max(0.0, _limit_gap(state) / limit.sigma)]))
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def mode_rows(state: CaseState) -> tuple[tuple[int | None, ...], int]:
+    """Row of each frequency among the residuals of a case (None where it is held out), and how many residuals there are."""
+    rows: list[int | None] = []
+    size = 0
+    for target in state.model.case.modes:
+        rows.append(None if target.hold_out else size)
+        if not target.hold_out:
+            size += 1 + (0 if target.shape is None else len(target.shape.entries))
+    size += sum(not compliance.hold_out for compliance in state.model.case.compliances)
+    return tuple(rows), size + (state.model.case.limit is not None)
+
+
+def case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
+    """Derivatives ``(r, p)`` of the residuals by the parameters' values."""
+    slopes, count = state.by_parameter, len(state.model.parameters)
+    rows: list[FloatArray] = []
+    for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
+        if target.hold_out:
+            continue
+        row = np.zeros((1, count))
+        for index, slope in slopes.items():
+            row[0, index] = slope.squares[mode] / (2.0 * state.squares[mode] * target.sigma)
+        rows.append(row)
+        if target.shape is not None:
+            rows.append(_shape_gap_slopes(state, target.shape, mode, slopes, count))
+    for number, compliance in enumerate(state.model.case.compliances):
+        if compliance.hold_out:
+            continue
+        row = np.zeros((1, count))
+        size = float(state.compliances[number]) if compliance.logarithmic else compliance.value
+        for index, slope in slopes.items():
+            row[0, index] = slope.compliances[number] / (size * compliance.sigma)
+        rows.append(row)
+    if state.model.case.limit is not None:
+        rows.append(_limit_slopes(state, slopes, count))
+    return np.vstack(rows) if rows else np.zeros((0, count))
+
+
+def compliance_gap(target: ComplianceTarget, value: float) -> float:
+    """How far a compliance lies from its target, in standard deviations."""
+    if target.logarithmic:
+        ratio = value / target.value
+        return float(np.log(abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny)) / target.sigma)
+    return (value / target.value - 1.0) / target.sigma
+
+
+def _seen_shapes(state: CaseState, shape: ShapeTarget) -> tuple[FloatArray, FloatArray]:
+    """What each mode does where the target looks ``(k, m)``, and the target ``(k,)`` with length one."""
+    rows = _shape_rows(state, shape)
+    wanted = np.array([value for _, _, value in shape.entries])
+    return rows @ state.motions, wanted / np.linalg.norm(wanted)
+
+
+def _shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
+    observers, length = state.slopes.pieces.observers, state.coupled.layout.length
+    return np.array([observers[name][dof] * (length if dof > 2 else 1.0) for name, dof, _ in shape.entries])
+
+
+def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
+    """Part of the target at right angles to the mode ``(k,)``: its square is ``1 - MAC``."""
+    seen, wanted = _seen_shapes(state, shape)
+    unit = seen[:, mode] / max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
+    return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
+
+
+def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int, slopes: dict[int, CaseSlope], count: int) -> FloatArray:
+    seen, wanted = _seen_shapes(state, shape)
+    size = max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
+    unit = seen[:, mode] / size
+    result = np.zeros((len(wanted), count))
+    changes = _shape_rows(state, shape) @ slope_motions(state, mode, list(slopes.values()))
+    length = state.coupled.layout.length
+    for column, (index, slope) in enumerate(slopes.items()):
+        change = changes[:, column]
+        moved = slope.pieces.observers
+        for row, (name, dof, _) in enumerate(shape.entries):
+            if name in moved:
+                change[row] += (length if dof > 2 else 1.0) * (moved[name][dof] @ state.motions[:, mode])
+        turn = (change - (unit @ change) * unit) / size
+        result[:, index] = -((wanted @ turn) * unit + (wanted @ unit) * turn) / shape.tolerance
+    return result
+
+
+def _limit_gap(state: CaseState) -> float:
+    limit = state.model.case.limit
+    if limit is None or len(state.frequencies_hz) <= limit.modes:
+        return -np.inf
+    return float(np.log(limit.below_hz / state.frequencies_hz[limit.modes]))
+
+
+def _limit_slopes(state: CaseState, slopes: dict[int, CaseSlope], count: int) -> FloatArray:
+    row = np.zeros((1, count))
+    limit = state.model.case.limit
+    if limit is not None and _limit_gap(state) > 0.0:
+        for index, slope in slopes.items():
+            row[0, index] = -slope.squares[limit.modes] / (2.0 * state.squares[limit.modes] * limit.sigma)
+    return row

@@ -1,0 +1,231 @@
+"""Schema of a target file: what was measured in which variants and poses, and which scene keys may be fitted to it."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from headstock.scene.reading import units
+from headstock.scene.reading.keys import NUMBER
+from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Quantity, UnitError, parse_quantity
+from headstock.scene.schema.types import (
+    Count,
+    CountFromZero,
+    Flag,
+    JsonForm,
+    Name,
+    Names,
+    Number,
+    OrForm,
+    PositiveFrequency,
+    QuantityPattern,
+    StrictTable,
+    Text,
+    describe_quantity,
+    problem,
+)
+
+MAX_STARTS = 4096
+
+
+def _read_any(value: object) -> Quantity:
+    if isinstance(value, Quantity):
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return Quantity(float(value), NUMBER)
+    try:
+        return parse_quantity(value, *DIMENSIONS)
+    except UnitError as error:
+        raise problem(str(error)) from error
+
+
+def _read_spread(*others: units.Dimension) -> Any:
+    def read(value: object) -> Quantity:
+        try:
+            found = value if isinstance(value, Quantity) else parse_quantity(value, units.RATIO, *others)
+        except UnitError as error:
+            raise problem(str(error)) from error
+        if not found.value > 0.0:
+            raise problem(f"is {found.value:g} but a standard deviation is above zero")
+        return found
+
+    return read
+
+
+AnyQuantity = Annotated[
+    Quantity, BeforeValidator(_read_any), JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)})
+]
+FrequencySpread = Annotated[
+    Quantity, BeforeValidator(_read_spread(units.FREQUENCY)), describe_quantity(units.RATIO, units.FREQUENCY)
+]
+ComplianceSpread = Annotated[Quantity, BeforeValidator(_read_spread(COMPLIANCE)), describe_quantity(units.RATIO, COMPLIANCE)]
+RatioSpread = Annotated[Quantity, BeforeValidator(_read_spread()), describe_quantity(units.RATIO)]
+
+
+def _read_compliance(value: object) -> float:
+    try:
+        return parse_quantity(value, COMPLIANCE).value
+    except UnitError as error:
+        raise problem(str(error)) from error
+
+
+Compliance = Annotated[float, BeforeValidator(_read_compliance), describe_quantity(COMPLIANCE)]
+PositiveNumber = Annotated[Number, Field(gt=0.0)]
+Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+class BodyMoveTable(StrictTable):
+    """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other way round."""
+
+    bodies: Names
+    rotation: Letter | None = None
+    translation: Letter | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rotation is None) == (self.translation is None):
+            raise problem('needs either rotation = "y" or translation = "x"')
+        return self
+
+
+class ModeTargetTable(StrictTable):
+    """One measured natural frequency, with the shape where it is known."""
+
+    frequency: PositiveFrequency
+    tolerance: FrequencySpread | None = None
+    weight: PositiveNumber = 1.0
+    name: Text = ""
+    moves: Annotated[list[BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
+    ignore: Names | None = None
+    vectors: Annotated[dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]], Field(min_length=1)] | None = None
+    shape_tolerance: Annotated[Number, Field(gt=0.0, le=10.0)] | None = None
+    hold_out: Flag = False
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.moves is not None and self.vectors is not None:
+            raise problem("gives both moves and vectors; keep one description of the shape")
+        if self.ignore is not None and self.moves is None:
+            raise problem("`ignore` names bodies that moves says nothing about; it goes with moves")
+        return self
+
+
+class ComplianceTargetTable(StrictTable):
+    """A measured compliance: motion at a point in one direction per unit force in another, at the same point or elsewhere."""
+
+    point: Text
+    motion: Literal["x", "y", "z"]
+    force: Literal["x", "y", "z"]
+    force_at: Text | None = None
+    value: Compliance
+    tolerance: ComplianceSpread | None = None
+    weight: PositiveNumber = 1.0
+    either_sign: Flag = False
+    hold_out: Flag = False
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.value == 0.0:
+            raise problem("is zero; leave an entry that should vanish out, or give what was measured")
+        return self
+
+
+class AtMostTable(StrictTable):
+    """At most so many modes (above `modes_above`) below a frequency."""
+
+    modes: CountFromZero
+    below: PositiveFrequency
+    tolerance: RatioSpread | None = None
+
+
+class CaseTable(StrictTable):
+    """What was measured in one variant and pose."""
+
+    variant: Text | None = None
+    pose: Text | None = None
+    modes_above: PositiveFrequency | None = None
+    tolerance: RatioSpread | None = None
+    frequencies: Annotated[list[PositiveFrequency], Field(min_length=1, max_length=1000)] | None = None
+    modes: Annotated[list[ModeTargetTable], Field(min_length=1, max_length=1000)] | None = None
+    compliances: Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None = None
+    at_most: AtMostTable | None = None
+    hold_out: Flag = False
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.frequencies is None and self.modes is None and self.compliances is None:
+            raise problem('holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]')
+        return self
+
+
+_ALONE = OrForm({"type": "string", "description": "scene key"})
+
+
+def _read_rule(value: object) -> object:
+    return {"key": value} if isinstance(value, str) else value
+
+
+class SetRuleTable(StrictTable):
+    """A scene key that takes the parameter's value, times `factor`, plus `offset`."""
+
+    key: Text
+    factor: Number = 1.0
+    offset: AnyQuantity | None = None
+
+
+class PowerRuleTable(StrictTable):
+    """A scene key whose value is multiplied by the parameter over its reference, to a power."""
+
+    key: Text
+    power: Number = 1.0
+
+
+class ShiftRuleTable(StrictTable):
+    """A scene key that moves by `factor` times the parameter's change from its reference."""
+
+    key: Text
+    factor: Number = 1.0
+
+
+class ParameterTable(StrictTable):
+    """A number that is fitted, and the scene keys that follow it."""
+
+    keys: Annotated[list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    multiplies: Annotated[list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    shifts: Annotated[list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)] = []
+    bounds: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)]
+    start: AnyQuantity | None = None
+    prior: AnyQuantity | None = None
+    prior_sigma: AnyQuantity | None = None
+    scale: Literal["log", "linear"] = "log"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not (self.keys or self.multiplies or self.shifts):
+            raise problem('moves nothing; write keys = ["joints.NAME.stiffness.normal"]')
+        return self
+
+
+class FitTable(StrictTable):
+    """How the fit is done."""
+
+    starts: Annotated[Count, Field(le=MAX_STARTS)] = 1
+    seed: CountFromZero = 1
+    modes_above: PositiveFrequency | None = None
+    pairing: Literal["best", "track"] = "best"
+    noise: Literal["stated", "residuals"] = "stated"
+    method: Literal["trf", "dogbox"] = "trf"
+    evaluations: Count = 200
+
+
+class TargetsTable(StrictTable):
+    """A target file."""
+
+    name: Text | None = None
+    cases: Annotated[dict[Name, CaseTable], Field(min_length=1)]
+    parameters: Annotated[dict[Name, ParameterTable], Field(min_length=1)]
+    fit: FitTable = FitTable()
+
+
+def targets_schema() -> dict[str, Any]:
+    """JSON schema of a target file."""
+    return TargetsTable.model_json_schema(mode="validation")

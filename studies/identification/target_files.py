@@ -1,0 +1,133 @@
+"""From the table of a case to targets in SI units, with every name checked against the scene."""
+
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import RATIO, Quantity
+from headstock.scene.scene import Scene
+from headstock.studies.identification.schema import AtMostTable, CaseTable, ComplianceTargetTable, FitTable, ModeTargetTable
+from headstock.studies.identification.targets import ComplianceTarget, ModeLimit, ModeTarget, ShapeTarget, TargetCase
+
+DEFAULT_TOLERANCE = 0.01
+DESCRIBED_TOLERANCE = 0.3
+VECTOR_TOLERANCE = 0.1
+LIMIT_TOLERANCE = 0.01
+
+
+def read_case(name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings) -> TargetCase:
+    """The targets of a case.
+
+    Args:
+        name: Of the case.
+        table: As written.
+        scene: In the variant of the case.
+        fit: Settings of the file.
+        findings: Where problems go.
+    """
+    key: KeyPath = ("cases", name)
+    pose = table.pose
+    if pose is not None and pose not in scene.poses:
+        findings.add((*key, "pose"), f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}")
+    floor = table.modes_above if table.modes_above is not None else fit.modes_above
+    spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
+    modes = [
+        ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out) for frequency in table.frequencies or ()
+    ]
+    for index, entry in enumerate(table.modes or ()):
+        modes.append(_read_mode(name, entry, spread, table.hold_out))
+        _check_shape((*key, "modes", index), entry, scene, findings)
+    compliances = []
+    for index, target in enumerate(table.compliances or ()):
+        compliances.append(_read_compliance(name, target, spread, table.hold_out))
+        for part in ("point", "force_at"):
+            place = getattr(target, part)
+            if place is not None:
+                _check_place((*key, "compliances", index, part), place, scene, findings)
+    modes.sort(key=lambda mode: mode.frequency_hz)
+    for mode in modes:
+        if floor is not None and mode.frequency_hz <= floor:
+            findings.add(key, f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that")
+    return TargetCase(
+        name, table.variant, pose, floor or 0.0, _fill_shapes(modes, scene), tuple(compliances), _read_limit(table.at_most)
+    )
+
+
+def _relative(spread: Quantity | None, size: float) -> float | None:
+    """A spread as a share of a value."""
+    if spread is None:
+        return None
+    return spread.value if spread.dimension == RATIO else spread.value / abs(size)
+
+
+def _read_mode(case: str, table: ModeTargetTable, spread: float, hold_out: bool) -> ModeTarget:
+    sigma = (_relative(table.tolerance, table.frequency) or spread) / table.weight**0.5
+    name = f"{case} {table.frequency:g} Hz" + (f" {table.name}" if table.name else "")
+    return ModeTarget(name, table.frequency, sigma, _read_shape(table), table.hold_out or hold_out)
+
+
+def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
+    """The shape as written; bodies a description is silent about are filled in by ``_fill_shapes``."""
+    if table.vectors is not None:
+        entries = [(place, dof, value) for place, vector in table.vectors.items() for dof, value in enumerate(vector)]
+        return ShapeTarget(tuple(entries), table.shape_tolerance or VECTOR_TOLERANCE, described=False)
+    if table.moves is None:
+        return None
+    found: list[tuple[str, int, float]] = []
+    for move in table.moves:
+        letter = move.rotation or move.translation or ""
+        dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)
+        found += [(body, dof, -1.0 if letter.startswith("-") else 1.0) for body in move.bodies]
+    ignored = [(body, -1, 0.0) for body in table.ignore or ()]
+    return ShapeTarget((*found, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True)
+
+
+def _fill_shapes(modes: list[ModeTarget], scene: Scene) -> tuple[ModeTarget, ...]:
+    """Described shapes with every body: one that is not named stands still, one to be ignored is left out."""
+    result = []
+    for mode in modes:
+        if mode.shape is not None and mode.shape.described:
+            named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
+            ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
+            dofs = [dof for kind in (range(3), range(3, 6)) for dof in kind if any(d in kind for _, d in named)]
+            entries = tuple(
+                (body, dof, named.get((body, dof), 0.0)) for body in scene.machine.components if body not in ignored for dof in dofs
+            )
+            shape = ShapeTarget(entries, mode.shape.tolerance, described=True)
+            result.append(ModeTarget(mode.name, mode.frequency_hz, mode.sigma, shape, mode.hold_out))
+        else:
+            result.append(mode)
+    return tuple(result)
+
+
+def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
+    for seen in table.vectors or ():
+        _check_place((*key, "vectors", seen), seen, scene, findings)
+    if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
+        findings.add((*key, "vectors"), "every vector is zero; give the motions that were measured")
+    bodies = [((*key, "moves", i, "bodies", j), body) for i, m in enumerate(table.moves or ()) for j, body in enumerate(m.bodies)]
+    bodies += [((*key, "ignore", i), body) for i, body in enumerate(table.ignore or ())]
+    components = scene.machine.components
+    for place, body in bodies:
+        if body not in components:
+            findings.add(place, f"unknown component {body[:80]!r}; {suggest_names(body, components, what='components')}")
+
+
+def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> None:
+    machine = scene.machine
+    component, _, interface = place.partition(".")
+    if place in machine.points or (component in machine.components and interface in machine.components[component].interfaces):
+        return
+    known = [*machine.points, *(f"{name}.{other}" for name, item in machine.components.items() for other in item.interfaces)]
+    findings.add(key, f"unknown point {place[:80]!r}; {suggest_names(place, known, what='points and interfaces')}")
+
+
+def _read_compliance(case: str, table: ComplianceTargetTable, spread: float, hold_out: bool) -> ComplianceTarget:
+    sigma = (_relative(table.tolerance, table.value) or spread) / table.weight**0.5
+    motion, force = (table.point, "xyz".index(table.motion)), (table.force_at or table.point, "xyz".index(table.force))
+    name = f"{case} {table.point} d{table.motion}/F{table.force}" + (f" at {table.force_at}" if table.force_at else "")
+    return ComplianceTarget(name, motion, force, table.value, sigma, table.either_sign, table.hold_out or hold_out)
+
+
+def _read_limit(table: AtMostTable | None) -> ModeLimit | None:
+    if table is None:
+        return None
+    return ModeLimit(table.modes, table.below, _relative(table.tolerance, 1.0) or LIMIT_TOLERANCE)

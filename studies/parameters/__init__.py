@@ -1,0 +1,1 @@
+"""`[studies.NAME]`: its points, records, tables and costs. Never poses."""

@@ -1,0 +1,246 @@
+"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``."""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.planning.resources import watch_memory
+from headstock.pipeline.planning.resources_2 import Cost, measure
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.scene_content import PACKAGES, file_digests
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
+from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
+from headstock.solvers.rank_messages import share_from_root
+from headstock.studies.parameters.disk_faults import blames_surroundings
+from headstock.studies.parameters.records import StudyRecord, append_record, read_records
+
+# of no influence on a point's results
+IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
+ElementKind = tuple[str, str, int]  # fidelity, cells, order
+Measure = Callable[[Scene, Results], Json]
+
+
+class StudyError(HeadstockError):
+    """A study cannot go on."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyJob:
+    """A study of a scene file, as it was when the study was started.
+
+    Attributes:
+        path: Scene file.
+        study: What is varied.
+        raw: Parsed scene after the variant and overrides the study was started with.
+        content: SHA-256 of the file.
+        variant: Variant it was started with.
+        overrides: ``key=value`` settings it was started with.
+        measure: Makes more of a point's results than its summary holds; None for studies of one's own.
+        measure_name: Names ``measure`` in the keys of finished points.
+        retry: Points that failed before are computed again.
+    """
+
+    path: Path
+    study: Study
+    raw: Json
+    content: str
+    variant: str | None = None
+    overrides: tuple[str, ...] = ()
+    measure: Measure | None = None
+    measure_name: str = ""
+    retry: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class StudyProgress:
+    """A point that is finished: its number, of how many, its record, and whether it was finished before."""
+
+    number: int
+    total: int
+    point: StudyPoint
+    record: StudyRecord
+    known: bool
+
+
+def hash_scene(path: Path) -> str:
+    """SHA-256 of a scene file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def check_points(job: StudyJob) -> None:
+    """Load the scene with every varied value, one at a time, before anything is computed; pairs are loaded together.
+
+    Raises:
+        SceneError: A value does not fit; holds the problems of all of them.
+    """
+    problems: list[Problem] = []
+    for family in job.study.families:
+        first = {key: values[0] for key, values in family.vary.items()}
+        alone = [{**first, key: value} for key, values in family.vary.items() for value in values]
+        pairs = [dict(zip(family.vary, values, strict=True)) for values in zip(*family.vary.values(), strict=family.pairwise)]
+        for varied in pairs if family.pairwise else alone or [{}]:
+            try:
+                _load_point(job, make_point(family, varied))
+            except SceneError as error:
+                problems += [problem for problem in error.problems if problem not in problems]
+    if problems:
+        raise SceneError(problems)
+
+
+def run_study(
+    job: StudyJob, folder: Path, *, comm: MPI.Comm, observer: Callable[[StudyProgress], None] = lambda progress: None
+) -> list[StudyRecord]:
+    """Compute every point that is not finished yet and record each as it ends; collective.
+
+    A point whose computation ends with a named error is recorded with it, and the study goes on; on several ranks it ends there,
+    since the others are left waiting, and goes on when it is started again. A disk without room ends it on any number of ranks.
+
+    Args:
+        job: The same on every rank.
+        folder: Holds ``points.jsonl``.
+        comm: Ranks that compute each point together.
+        observer: Told of each point on rank 0.
+
+    Returns:
+        One record per point, in order; empty on other ranks.
+
+    Raises:
+        StudyError: The scene file changed meanwhile.
+        OutputError: A record cannot be written.
+        HeadstockError: There is no room on the disk, or no compiler.
+    """
+    points = expand_study(job.study)
+    root = comm.rank == 0
+    keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
+    known = _finished_points(folder, retry=job.retry) if root else {}
+    waiting = share_from_root(comm, [number for number, key in enumerate(keys) if key not in known] if root else None)
+    warm: set[ElementKind] = set()
+    for number, point in enumerate(points):
+        if number in waiting:
+            record, error = _compute_point(job, point, comm, warm)
+            if root:
+                known[keys[number]] = replace(record, key=keys[number])
+                append_record(folder, known[keys[number]])
+            if error is not None and comm.size > 1:
+                raise error
+        if root:
+            record = _label_record(known[keys[number]], point)
+            observer(StudyProgress(number, len(points), point, record, known=number not in waiting))
+    return [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)] if root else []
+
+
+def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
+    """SHA-256 of everything a point's results depend on: the scene, its files, the settings, and this program.
+
+    What is watched is not part of it: a record holds the whole summary.
+    """
+    content = {
+        "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
+        "files": dict(file_digests(job.path.parent, job.raw)),
+        "variant": [job.raw["variants"][name] for name in split_variant(point.variant or None)],
+        "settings": dict(point.settings),
+        "analyses": sorted(point.analyses),
+        "timing": (job.study.cold, job.study.repeats, ranks) if job.study.cold or job.study.repeats > 1 else None,
+        "measure": job.measure_name,
+        "algorithm": [code_fingerprint(package) for package in PACKAGES],
+        "libraries": library_versions(REDUCTION_LIBRARIES),
+    }
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+
+
+def _finished_points(folder: Path, *, retry: bool) -> dict[str, StudyRecord]:
+    records = read_records(folder)
+    return {key: record for key, record in records.items() if record.status == "done" or not retry}
+
+
+def _label_record(record: StudyRecord, point: StudyPoint) -> StudyRecord:
+    # equal points of two families share a record
+    return replace(record, family=point.family, varied=dict(point.varied))
+
+
+def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
+    variant = VARIANT_JOINER.join(filter(None, [job.variant, point.variant])) or None
+    scene = load_scene(job.path, variant=variant, overrides=job.overrides, values=point.settings)
+    return keep_analyses(scene, point.analyses) if point.analyses else scene
+
+
+def _compute_point(
+    job: StudyJob, point: StudyPoint, comm: MPI.Comm, warm: set[ElementKind]
+) -> tuple[StudyRecord, HeadstockError | None]:
+    """A record without a key, and the error a point ended with; adds to the kinds of elements that this process has run."""
+    costs: list[Cost] = []
+    peaks: list[float] = []
+    ranks, threads = int(comm.size), int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1))
+    record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
+    try:
+        # the first run of a kind of element loads libraries and compiles kernels: not a cost of this point
+        kinds = share_from_root(comm, _element_kinds(_reload(job, point)) if comm.rank == 0 else None)
+        warm_up = job.study.cold and point.family != TRUTH and not kinds <= warm
+        warm |= kinds
+        for number in range(-warm_up, 1 if point.family == TRUTH else job.study.repeats):
+            with _scratch_store(cold=job.study.cold) as (scratch, store), watch_memory() as peak, measure() as cost:
+                scene = share_from_root(comm, _reload(job, point) if comm.rank == 0 else None)
+                results = run_scene(scene, scratch, comm=comm, store=store)
+            costs += [cost] if number >= 0 else []
+            peaks += [peak.megabytes] if number >= 0 and peak.megabytes is not None else []
+    except StudyError:
+        raise
+    except (HeadstockError, SceneError, MemoryError) as error:
+        if blames_surroundings(error):
+            raise  # no property of this point: it is computed when the study is started again
+        named = error if isinstance(error, HeadstockError) else StudyError(str(error))
+        return replace(record, status="failed", error=f"{type(error).__name__}: {error}"), named
+    if comm.rank > 0:
+        return record, None
+    summary = {key: value for key, value in summarise(results).items() if key != "files"}
+    finished = replace(
+        record,
+        status="failed" if results.failures else "done",
+        error="; ".join(results.failures),
+        summary=summary,
+        measured=job.measure(scene, results) if job.measure else {},
+        seconds=tuple(cost.seconds for cost in costs),
+        cpu_seconds=tuple(cost.cpu_seconds for cost in costs),
+        peak_mb=tuple(peaks),
+        cached_stages=sum(stage["cached"] for stage in summary["stages"]),
+    )
+    return finished, None
+
+
+def _reload(job: StudyJob, point: StudyPoint) -> Scene:
+    if hash_scene(job.path) != job.content:
+        raise StudyError(f"{job.path} changed while the study ran; start the study again, finished points that still hold are kept")
+    return _load_point(job, point)
+
+
+def _element_kinds(scene: Scene) -> set[ElementKind]:
+    """What a point's components are made of; of those whose settings are chosen for an accuracy it is mostly that."""
+    parts = scene.machine.components.values()
+    if scene.accuracy is not None:
+        return {("elastic", "tet", 2)}
+    return {
+        (part.fidelity, part.mesh.cells, part.mesh.order) if part.fidelity == "elastic" else (part.fidelity, "", 0)
+        for part in parts
+    }
+
+
+@contextlib.contextmanager
+def _scratch_store(*, cold: bool) -> Iterator[tuple[Path, Store]]:
+    """A folder for a point's files, and the store it uses: the user's, or an empty one that is thrown away."""
+    with tempfile.TemporaryDirectory(prefix="headstock-study-") as folder:
+        yield Path(folder) / "out", Store(Path(folder) / "store") if cold else Store(default_store_root())

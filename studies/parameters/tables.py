@@ -1,0 +1,208 @@
+"""A study's records as a table: one row per point, one column per varied key and per watched value; and orders of convergence."""
+
+import re
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
+from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch, read_watch
+from headstock.scene.studies import Study, StudyFamily, show_value
+from headstock.studies.parameters.convergence_orders import LEAST_SIZES, Extrapolation, extrapolate_values
+from headstock.studies.parameters.records import StudyRecord
+
+MESH_SIZE = re.compile(r"components\.[^.]+\.mesh\.size")
+PROPORTION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRow:
+    """A point as it is shown.
+
+    Attributes:
+        record: Its record.
+        values: Watched value by column; a column that this point has not is missing.
+        problems: Watched paths that led nowhere, in plain words.
+    """
+
+    record: StudyRecord
+    values: dict[str, Any]
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SizeSeries:
+    """A watched number over the sizes of a mesh, everything else equal.
+
+    Attributes:
+        column: What is watched.
+        family: Name of the family.
+        others: Varied keys that stay the same along the series, and their values.
+        sizes: Mesh sizes [m].
+        values: One per size.
+        extrapolation: What they say about an infinitely fine mesh.
+    """
+
+    column: str
+    family: str
+    others: dict[str, Any]
+    sizes: tuple[float, ...]
+    values: tuple[float, ...]
+    extrapolation: Extrapolation
+
+
+@dataclass(frozen=True, eq=False)
+class StudyTable:
+    """Everything a study shows.
+
+    Attributes:
+        study: What was varied.
+        varied: Columns of varied keys.
+        columns: Columns of watched values.
+        rows: One per point.
+        series: Observed orders, where a mesh size was varied.
+    """
+
+    study: Study
+    varied: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: tuple[StudyRow, ...]
+    series: tuple[SizeSeries, ...] = field(default=())
+
+
+def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:
+    """The table of a study from its records."""
+    rows = tuple(_make_row(study, record) for record in records)
+    columns = tuple(dict.fromkeys(column for row in rows for column in row.values))
+    varied = tuple(dict.fromkeys(key for family in study.families for key in family.vary))
+    return StudyTable(study, varied, columns, rows, tuple(_size_series(study, columns, rows)))
+
+
+@dataclass(frozen=True)
+class VariedNumbers:
+    """The values of a varied key as numbers: one per row of a table (None where a row has not the key), and their SI unit."""
+
+    unit: str
+    values: tuple[float | None, ...]
+
+
+def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
+    """The values of a varied key as numbers in SI; None where some are no single number, or their units differ in kind."""
+    read = [_read_number(row.record.varied[key]) if key in row.record.varied else _ABSENT for row in table.rows]
+    units = {item.unit for item in read if item is not None and item.value is not None}
+    if None in read or len(units) != 1:
+        return None
+    return VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
+
+
+@dataclass(frozen=True)
+class _Number:
+    value: float | None
+    unit: str
+
+
+_ABSENT = _Number(None, "")
+
+
+def _read_number(value: Any) -> _Number | None:
+    if is_number(value):
+        return _Number(value, "")
+    try:
+        found = parse_quantity(value, *DIMENSIONS) if isinstance(value, str) else None
+    except UnitError:
+        return None
+    return None if found is None else _Number(found.value, found.dimension.unit)
+
+
+def median_seconds(record: StudyRecord, name: str = "seconds") -> tuple[float, float] | None:
+    """Median and spread (largest less smallest) of the repeats of a point [s]; None for a point that was not finished."""
+    repeats = record.seconds if name == "seconds" else record.cpu_seconds
+    return (statistics.median(repeats), max(repeats) - min(repeats)) if repeats else None
+
+
+def is_number(value: Any) -> bool:
+    """A number to compute with; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _make_row(study: Study, record: StudyRecord) -> StudyRow:
+    values: dict[str, Any] = {}
+    problems: list[str] = []
+    for text in study.watch:
+        path = parse_watch(text)
+        if path.steps[0] in MEASURED_NAMES:
+            measured = median_seconds(record, str(path.steps[0]))
+            values |= {} if measured is None else {text: measured[0]}
+        elif record.summary:
+            try:
+                values |= read_watch(path, record.summary)
+            except WatchError as error:
+                problems.append(f"{text}: {error}")
+    return StudyRow(record, values, tuple(problems))
+
+
+def _size_series(study: Study, columns: Sequence[str], rows: Sequence[StudyRow]) -> list[SizeSeries]:
+    found: list[SizeSeries] = []
+    for family in study.families:
+        own = [row for row in rows if row.record.family == family.name]
+        for key in _size_keys(family):
+            groups: dict[str, list[StudyRow]] = {}
+            for row in own:
+                groups.setdefault(repr(_others(row, family, key)), []).append(row)
+            found += [
+                series
+                for group in groups.values()
+                for column in columns
+                if column not in MEASURED_NAMES and (series := _make_series(column, key, family, group))
+            ]
+    return found
+
+
+def _size_keys(family: StudyFamily) -> list[str]:
+    """Mesh sizes that are varied by themselves; of sizes that are varied together in proportion, and with nothing else, the first."""
+    keys = [key for key in family.vary if MESH_SIZE.fullmatch(key)]
+    if not family.pairwise:
+        return keys
+    if len(keys) < len(family.vary):
+        return []
+    sizes = [[_read_size(value) for value in family.vary[key]] for key in keys]
+    ratios = [[own / first for own, first in zip(other, sizes[0], strict=True)] for other in sizes]
+    together = all(max(ratio) - min(ratio) <= PROPORTION_TOLERANCE * max(ratio) for ratio in ratios)
+    return keys[:1] if together else []
+
+
+def _others(row: StudyRow, family: StudyFamily, key: str) -> dict[str, Any]:
+    return {} if family.pairwise else {other: value for other, value in row.record.varied.items() if other != key}
+
+
+def _make_series(column: str, key: str, family: StudyFamily, group: Sequence[StudyRow]) -> SizeSeries | None:
+    # counts (dofs, stages) are whole numbers and converge to nothing
+    pairs = {_read_size(row.record.varied[key]): row.values[column] for row in group if isinstance(row.values.get(column), float)}
+    if len(pairs) < LEAST_SIZES:
+        return None
+    sizes, values = tuple(pairs), tuple(pairs.values())
+    return SizeSeries(column, family.name, _others(group[0], family, key), sizes, values, extrapolate_values(sizes, values))
+
+
+def _read_size(value: Any) -> float:
+    return parse_quantity(value, LENGTH).value
+
+
+def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
+    """A short heading for each column: the last names of its path, as many as tell it from the others."""
+    short: dict[str, str] = {}
+    for column in columns:
+        parts = column.split(".")
+        for count in range(1, len(parts) + 1):
+            tail = ".".join(parts[-count:])
+            if not any(other != column and f".{other}".endswith(f".{tail}") for other in columns):
+                break
+        short[column] = tail
+    return short
+
+
+def series_title(series: SizeSeries) -> str:
+    """What stays the same along a series, in a few words."""
+    words = [f"{key} = {show_value(value)}" for key, value in series.others.items()]
+    return ", ".join([*([series.family] if series.family else []), *words])

@@ -1,0 +1,1 @@
+"""Poses: runs, journals, results, files, Slurm. Never other parameters."""

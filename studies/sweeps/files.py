@@ -1,0 +1,152 @@
+"""The one file of a sweep's results, ``sweep.h5``: the same bytes however often the sweep was interrupted."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.files import mark_units
+from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.outputs import write_output
+from headstock.studies.sweeps.pose_results import FIGURES
+from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
+
+SWEEP_FILE = "sweep.h5"
+FORMAT, VERSION = "headstock sweep", 1
+UM_PER_KN, N_PER_UM = 1e9, 1e-6
+# pattern of the path of a data set to its unit
+UNITS = {
+    r"axes|units|states|errors|shape|modal/tracked/(names|index)|static/.*/weakest": "",
+    r"positions": "SI: m or rad, by units",
+    r"modal/(tracked/)?frequencies_hz|frf/.*_hz": "Hz",
+    r"modal/shapes": "SI: m or rad per sqrt(kg)",
+    r"modal/rigid_count|modal/tracked/correlation|condition_number|static/.*/(direction|ratio|weakest_share)": "1",
+    r"static/.*/largest": "m/N",
+    r"static/.*/compliance": "m/N",
+    r"frf/.* r[xyz]/worst_real": "rad/(N m)",
+    r"frf/.* r[xyz]/.*": "N m/rad",
+    r"frf/.*/worst_real": "m/N",
+    r"frf/.*": "N/m",
+}
+
+
+def write_sweep(folder: Path, results: SweepResults) -> None:
+    """Write ``sweep.h5``: it is the old one or the whole new one.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        _fill(file, results)
+    write_output(folder / SWEEP_FILE, image.getvalue())
+
+
+def _fill(file: h5py.File, results: SweepResults) -> None:
+    sweep = results.sweep
+    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+    file.attrs["name"], file.attrs["sweep"], file.attrs["kind"] = results.name, sweep.name, sweep.kind
+    file.attrs["key"] = results.key
+    file["axes"], file["units"] = _words(sweep.axes), _words(sweep.units)
+    file["shape"], file["positions"] = np.array(sweep.shape), sweep.positions
+    file["states"], file["errors"] = _words(results.states), _words(results.errors)
+    if results.modes is not None and results.tracked is not None:
+        group = file.create_group("modal")
+        group["frequencies_hz"], group["rigid_count"] = results.modes.frequencies_hz, results.modes.rigid
+        group["shapes"] = results.shapes
+        tracked = group.create_group("tracked")
+        tracked["frequencies_hz"], tracked["index"] = results.frequencies_hz, results.tracked.index
+        tracked["correlation"] = results.tracked.correlation
+        tracked["names"] = _words(results.mode_names)
+    for name, point in results.points.items():
+        _fill_point(file.create_group(f"static/{name}"), point)
+    if results.condition is not None:
+        file["condition_number"] = results.condition
+    for (name, direction), values in results.figures.items():
+        group = file.create_group(f"frf/{name} {direction}")
+        for column, figure in enumerate(FIGURES):
+            group[figure] = values[:, column]
+    mark_units(file, UNITS)
+
+
+def _fill_point(group: h5py.Group, point: PointMap) -> None:
+    group["compliance"], group["largest"] = point.compliance, point.largest
+    group["direction"], group["ratio"] = point.direction, point.ratio
+    group["weakest"], group["weakest_share"] = _words([name for names in point.links for name in names], (-1, 3)), point.link_shares
+
+
+def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -> object:
+    return np.char.encode(np.array(words, dtype=str), "utf-8").reshape(shape)
+
+
+def summarise_sweep(results: SweepResults) -> Json:
+    """The sweep as JSON: what is printed and drawn; null where there is nothing."""
+    sweep = results.sweep
+    return {
+        "name": results.name,
+        "sweep": sweep.name,
+        "kind": sweep.kind,
+        "status": "failed" if results.failed else "done",
+        "axes": list(sweep.axes),
+        "units": list(sweep.units),
+        "shape": list(sweep.shape),
+        "labels": list(sweep.labels),
+        "positions": sweep.positions.tolist(),
+        "states": list(results.states),
+        "errors": {str(number): error for number, error in enumerate(results.errors) if error},
+        "frequencies_hz": _nulls(results.frequencies_hz),
+        "mode_names": list(results.mode_names),
+        "sampled_errors": [_summarise_errors(sample) for sample in results.sampled_errors],
+        "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
+        "crossings": _list_crossings(results),
+        "torn": 0 if results.tracked is None else results.tracked.torn,
+        "static": {name: _summarise_point(point) for name, point in results.points.items()},
+        "condition_number": None if results.condition is None else _nulls(results.condition),
+        "frf": {" ".join(port): _summarise_figures(values) for port, values in results.figures.items()},
+        "warnings": list(results.warnings),
+    }
+
+
+def _summarise_errors(sample: SampledErrors) -> Json:
+    every = [*sample.modes.values(), *(error for errors in sample.points.values() for error in errors.values())]
+    return {
+        "pose": sample.pose,
+        "error_hz": {str(mode + 1): error.total for mode, error in sample.modes.items()},
+        "error_um_per_kN": {
+            name: {direction: None if error.total is None else UM_PER_KN * error.total for direction, error in errors.items()}
+            for name, errors in sample.points.items()
+        },
+        "error_left_out": sorted({words for error in every for words in error.left_out}),
+    }
+
+
+def _list_crossings(results: SweepResults) -> list[Json]:
+    found = {} if results.tracked is None else results.tracked.crossings
+    return [{"modes": [one + 1, other + 1], "between_neighbours": count} for (one, other), count in found.items()]
+
+
+def _summarise_point(point: PointMap) -> Json:
+    return {
+        "compliance_um_per_kN": _nulls(UM_PER_KN * point.compliance),
+        "largest_um_per_kN": _nulls(UM_PER_KN * point.largest),
+        "direction": _nulls(point.direction),
+        "ratio": _nulls(point.ratio),
+        "weakest": [list(names) for names in point.links],
+        "weakest_share": _nulls(point.link_shares),
+    }
+
+
+def _summarise_figures(values: FloatArray) -> Json:
+    scales = {"worst_real": UM_PER_KN, "chatter_stiffness": N_PER_UM, "softest": N_PER_UM}
+    suffix = {"worst_real": "_um_per_kN", "chatter_stiffness": "_N_per_um", "softest": "_N_per_um"}
+    return {name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column]) for column, name in enumerate(FIGURES)}
+
+
+def _nulls(values: FloatArray) -> list[Any]:
+    """Nested lists with None for NaN."""
+    content = values.astype(object)
+    content[~np.isfinite(values)] = None
+    return list(content.tolist())

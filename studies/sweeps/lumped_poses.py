@@ -1,0 +1,158 @@
+"""What a sweep computes in the poses of a lumped mechanism: many poses at once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.errors import PoseError
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import Pose
+from headstock.geometry.mechanisms.exechon import survey_tool_poses
+from headstock.geometry.mechanisms.exechon_2 import LEGS
+from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.frf import respond
+from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, build_compliant_mechanism, place_mechanism, series_parts
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.superelement import Superelement
+from headstock.scene.scene import SceneMechanism
+from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion, pose_system, solve_pose_modes
+from headstock.studies.sweeps.machine_poses import POSE_ERRORS, count_wanted, list_figures
+from headstock.studies.sweeps.pose_results import PoseResult
+
+POSES_AT_ONCE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class LumpedPoses:
+    """What all poses of a lumped mechanism share.
+
+    Attributes:
+        state: Of the run that made the superelements.
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        superelements: By component name.
+        own: Frame of each component on its mark.
+    """
+
+    state: RunState
+    mechanism: SceneMechanism
+    model: CompliantMechanism
+    superelements: Mapping[str, Superelement]
+    own: Mapping[str, Frame]
+
+
+def share_mechanism(state: RunState, superelements: Mapping[str, Superelement]) -> LumpedPoses:
+    """What all poses of the mechanism of a scene share."""
+    mechanism = state.scene.mechanism
+    if mechanism is None:
+        raise ValueError("the scene has no mechanism")
+    own = {name: component.placement for name, component in state.plan.components.items()}
+    stiffening = GRAVITY_STIFFENING in state.scene.effects
+    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity, stiffening=stiffening)
+    return LumpedPoses(state, mechanism, model, superelements, own)
+
+
+def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatArray) -> list[PoseResult]:
+    """What the scene asks for in many poses.
+
+    Args:
+        shared: What all poses share.
+        poses: Of the tool.
+        positions: The same as ``(n, k)``, for the results.
+    """
+    tools = [tool_pose(shared.mechanism, pose.positions) for pose in poses]
+    survey = survey_tool_poses(shared.mechanism.mounted, np.array([t[0] for t in tools]), np.array([t[1] for t in tools]))
+    taken = survey.within & np.isfinite(survey.condition)
+    found = _solve_taken(shared, survey.states[taken]) if taken.any() else []
+    solved = iter(found)
+    results = []
+    for number, pose in enumerate(poses):
+        if not taken[number]:
+            results.append(PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose)))
+            continue
+        values, errors = {**next(solved), "condition": np.array([survey.condition[number]])}, ""
+        if shared.state.scene.analyses.frf is not None:
+            try:
+                values["figures"] = _solve_response(shared, pose)
+            except POSE_ERRORS as error:
+                errors = f"frf analysis: {error}"
+        results.append(PoseResult(positions[number], "failed" if errors else "done", errors, **values))
+    return results
+
+
+def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]]:
+    analyses = shared.state.scene.analyses
+    motions = linearise_poses(shared.model, states)
+    found: list[dict[str, Any]] = [{} for _ in states]
+    if analyses.modal is not None:
+        modes = solve_pose_modes(motions)
+        # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
+        shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
+        for number, values in enumerate(found):
+            wanted = count_wanted(analyses.modal, modes.frequencies_hz[number], 0)
+            values |= {"frequencies_hz": modes.frequencies_hz[number], "wanted": wanted}
+            values["shapes"] = shapes[number].astype(np.float32)
+    if analyses.static is not None:
+        turn = shared.mechanism.mounted.mounting.rotation
+        rows = [turn @ _point_motion(shared, motions, shared.state.scene.machine.points[name].tool) for name in analyses.static.at]
+        # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
+        moved = np.stack(rows, axis=1)
+        stretches = np.swapaxes(np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2)
+        compliance = stretches @ np.swapaxes(moved, -1, -2)
+        names, shares = _weakest_parts(shared, states, stretches**2 * motions.stiffness[:, None, None, :])
+        for number, values in enumerate(found):
+            values |= {"compliance": compliance[number], "links": tuple(names[number]), "link_shares": shares[number]}
+    return found
+
+
+def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> FloatArray:
+    """``(n, 3, c)`` translation of an interface per compliant coordinate, ground frame of the chains."""
+    name, interface = end.component or "", end.interface or ""
+    mark, own = shared.mechanism.carries[name], shared.own[name]
+    local = own.origin + own.rotation @ shared.superelements[name].attachments[interface].frame.origin
+    place = shared.model.mechanism.marks.index(mark)
+    arm = motions.kinematics.placement.rotations[:, place] @ local
+    motion = mark_motion(shared.model, motions, mark)
+    return np.asarray(motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1))
+
+
+def _weakest_parts(shared: LumpedPoses, states: FloatArray, energies: FloatArray) -> tuple[list[list[str]], FloatArray]:
+    """Part with most of the strain energy ``(n, p, 3, c)`` of each unit force: names and shares, ``3 p`` per pose."""
+    springs, lengths = shared.mechanism.springs, shared.model.springs.length
+    if springs is None:
+        raise ValueError("a lumped mechanism needs springs")
+    labels = [f"{leg}.{part}" for leg in LEGS for part in SPRING_PARTS]
+    parts = np.zeros((*energies.shape[:3], len(labels)))
+    for number in range(len(LEGS)):
+        series = np.array([series_parts(springs, float(state[lengths[2 * number]])) for state in states])
+        share = (series / series.sum(axis=1, keepdims=True))[:, None, None, :]
+        first = len(SPRING_PARTS) * number
+        parts[..., first : first + len(SPRING_PARTS)] = energies[..., 2 * number + 1, None] * share
+        parts[..., first] += energies[..., 2 * number]
+    parts = (parts / parts.sum(axis=-1, keepdims=True)).reshape(len(states), -1, len(labels))
+    best = np.argmax(np.round(parts, 9), axis=-1)
+    return [[labels[index] for index in row] for row in best], np.take_along_axis(parts, best[..., None], axis=-1)[..., 0]
+
+
+def _solve_response(shared: LumpedPoses, pose: Pose) -> FloatArray:
+    superelements, own = dict(shared.superelements), dict(shared.own)
+    placed = place_mechanism(shared.mechanism, shared.model, solve_pose(shared.mechanism, pose.positions), (superelements, own))
+    points = shared.state.scene.machine.points
+    system = pose_system(shared.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
+    stage = Stage("frf", None, "", pose=pose.name)
+    respond(shared.state, stage, system, lambda modes: ("",) * len(modes.frequencies_hz))
+    return np.array([list_figures(figures) for figures in shared.state.responses.pop().figures])
+
+
+def _why_not(mechanism: SceneMechanism, pose: Pose) -> str:
+    try:
+        solve_pose(mechanism, pose.positions)
+    except PoseError as error:
+        return str(error)
+    return "a singular pose"

@@ -1,0 +1,153 @@
+"""What a sweep computes in each pose of a machine of superelements."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError, PoseError
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose
+from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.frf import PortFigures
+from headstock.pipeline.results.mechanism_poses import describe_state
+from headstock.pipeline.stages.frf import respond
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling_memo import CouplingMemo
+from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.motions.body_motions import join_names, split_number
+from headstock.reduction.motions.compliance_budget import DIRECTIONS, point_budget
+from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import ModalRequest
+from headstock.solvers.linear.lowest_modes import solve_lowest_modes
+from headstock.studies.sweeps.pose_results import FIGURES, PoseResult
+
+# modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be followed
+EXTRA_SHARE, EXTRA_LEAST, EXTRA_REACH = 0.25, 3, 1.15
+# an error in one pose is that pose's result
+POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True, eq=False)
+class MachinePoses:
+    """What all poses of a machine share.
+
+    Attributes:
+        state: Of the run that made the superelements: its scene, plan and effects.
+        superelements: By component name.
+        memo: What their couplings share.
+    """
+
+    state: RunState
+    superelements: Mapping[str, Superelement]
+    memo: CouplingMemo
+
+
+def share_machine(state: RunState, superelements: Mapping[str, Superelement]) -> MachinePoses:
+    """What all poses of the machine of a scene share."""
+    static, frf = state.scene.analyses.static, state.scene.analyses.frf
+    ports = {*(() if static is None else static.at), *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs))}
+    return MachinePoses(state, superelements, CouplingMemo(ports))
+
+
+def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
+    """Couple in a pose and compute what the scene asks for; what cannot be computed is said in the result.
+
+    Args:
+        shared: What all poses share.
+        pose: Axis positions.
+        positions: The same as ``(k,)``, for the result.
+    """
+    try:
+        coupled = couple(shared.superelements, shared.state.scene.machine, pose, memo=shared.memo)
+    except PoseError as error:
+        return PoseResult(positions, "unreachable", str(error))
+    except POSE_ERRORS as error:
+        return PoseResult(positions, "failed", f"coupling: {error}")
+    values = _find_condition(shared, pose)
+    errors: list[str] = []
+    analyses = shared.state.scene.analyses
+    for name, solve in (("static", _solve_points), ("modal", _solve_modes), ("frf", _solve_response)):
+        if getattr(analyses, name) is not None:
+            try:
+                values |= solve(shared, coupled, pose)
+            except POSE_ERRORS as error:
+                errors.append(f"{name} analysis: {error}")
+    return PoseResult(positions, "failed" if errors else "done", "; ".join(errors), **values)
+
+
+def modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
+    """Count and highest frequency to solve for so that the modes asked for can be followed."""
+    count = None if request.count is None else request.count + max(EXTRA_LEAST, round(EXTRA_SHARE * request.count))
+    return count, None if request.up_to_hz is None else EXTRA_REACH * request.up_to_hz
+
+
+def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count: int) -> int:
+    """How many of the modes solved for the scene asks for."""
+    wanted = len(frequencies_hz) if request.count is None else min(request.count, len(frequencies_hz))
+    if request.up_to_hz is not None:
+        wanted = min(wanted, max(rigid_count, int(np.searchsorted(frequencies_hz, request.up_to_hz, side="right"))))
+    return wanted
+
+
+def _find_condition(shared: MachinePoses, pose: Pose) -> dict[str, Any]:
+    mechanism = shared.state.scene.mechanism
+    if mechanism is None:
+        return {}
+    return {"condition": np.array([describe_state(mechanism, solve_pose(mechanism, pose.positions)).condition_number])}
+
+
+def _solve_points(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
+    request = shared.state.scene.analyses.static
+    budgets = [point_budget(coupled, name) for name in (() if request is None else request.at)]
+    links = [_largest_family(budget.shares[direction]) for budget in budgets for direction in DIRECTIONS]
+    return {
+        "compliance": np.array([budget.compliance[:3, :3] for budget in budgets]),
+        "links": tuple(name for name, _ in links),
+        "link_shares": np.array([share for _, share in links]),
+    }
+
+
+def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
+    """The part with most of a compliance, carriages of one guide and the like taken together; empty where nothing gives way."""
+    families: dict[str, list[str]] = {}
+    for name in sorted(shares):
+        families.setdefault(split_number(name)[0], []).append(name)
+    if not families:
+        return "", 0.0
+    totals = {stem: sum(shares[name] for name in members) for stem, members in families.items()}
+    stem = min(totals, key=lambda stem: (-round(totals[stem], 9), stem))
+    return join_names(families[stem]), totals[stem]
+
+
+def _solve_modes(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
+    request = shared.state.scene.analyses.modal
+    if request is None:
+        return {}
+    count, limit = modes_to_solve(request)
+    modal = solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
+    stacked = coupled.basis @ modal.shapes
+    for name, place in coupled.offsets.items():
+        part = coupled.layout.superelements[name]
+        stacked[place] = turn_dofs(part, coupled.placements[name]) @ stacked[place]
+    return {
+        "frequencies_hz": modal.frequencies_hz,
+        "wanted": count_wanted(request, modal.frequencies_hz, modal.rigid_count),
+        "rigid_count": min(modal.rigid_count, len(modal.frequencies_hz)),
+        "shapes": stacked.astype(np.float32),
+    }
+
+
+def _solve_response(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
+    stage = Stage("frf", None, "", pose=pose.name)
+    respond(shared.state, stage, coupled.system, lambda modes: ("",) * len(modes.frequencies_hz))
+    return {"figures": np.array([list_figures(figures) for figures in shared.state.responses.pop().figures])}
+
+
+def list_figures(figures: PortFigures) -> list[float]:
+    """The figures of a port in the order of ``FIGURES``, NaN where there is none."""
+    values = [getattr(figures, name) for name in FIGURES]
+    return [np.nan if value is None else float(value) for value in values]

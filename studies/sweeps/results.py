@@ -1,0 +1,206 @@
+"""Results of a sweep as arrays over its poses."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.planning.planner import is_lumped
+from headstock.pipeline.results.estimates import Estimate
+from headstock.reduction.superelement import Superelement
+from headstock.scene.scene import Scene
+from headstock.scene.sweep_poses import Sweep, sweep_neighbours
+from headstock.solvers.linear.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
+from headstock.solvers.second_order import Port
+from headstock.studies.sweeps.pose_results import FIGURES, PoseResult, SingleArray
+
+
+@dataclass(frozen=True, eq=False)
+class PointMap:
+    """Compliance at a point over the poses.
+
+    Attributes:
+        compliance: ``(n, 3, 3)`` [m/N], machine axes; NaN where there is none.
+        largest: ``(n,)`` largest motion per unit force [m/N].
+        direction: ``(n, 3)`` unit vector of the force that makes it.
+        ratio: ``(n,)`` largest over smallest.
+        links: ``(n, 3)`` names of the part that gives most in x, y, z.
+        link_shares: ``(n, 3)`` its share.
+    """
+
+    compliance: FloatArray
+    largest: FloatArray
+    direction: FloatArray
+    ratio: FloatArray
+    links: tuple[tuple[str, ...], ...]
+    link_shares: FloatArray
+
+
+@dataclass(frozen=True)
+class SampledErrors:
+    """Error estimates in one pose of a sweep: of other poses none are made.
+
+    Attributes:
+        pose: Its number.
+        modes: Number of a tracked mode to the error of its frequency [Hz].
+        points: Point to direction to the error of the compliance along it [m/N].
+    """
+
+    pose: int
+    modes: dict[int, Estimate]
+    points: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SweepResults:
+    """Everything a sweep found.
+
+    Attributes:
+        name: Of the scene.
+        key: Of everything a pose's results depend on.
+        sweep: Its poses.
+        states: ``done``, ``failed`` or ``unreachable`` per pose.
+        errors: Why, per pose.
+        modes: Of every pose; None without a modal analysis.
+        tracked: The same modes followed from pose to pose.
+        shapes: ``(n, d, m)`` mass-normalised; zero beyond the last mode.
+        points: Compliance by point name.
+        condition: ``(n,)`` condition number of a mechanism; None for other machines.
+        figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
+        warnings: For the user.
+        mode_names: Of the tracked modes, as they are called in one pose; empty where they were not named.
+        sampled_errors: In the poses in which modes got their names.
+    """
+
+    name: str
+    key: str
+    sweep: Sweep
+    states: tuple[str, ...]
+    errors: tuple[str, ...]
+    modes: SweptModes | None
+    tracked: TrackedModes | None
+    shapes: SingleArray
+    points: dict[str, PointMap]
+    condition: FloatArray | None
+    figures: dict[Port, FloatArray]
+    warnings: tuple[str, ...] = ()
+    mode_names: tuple[str, ...] = ()
+    sampled_errors: tuple[SampledErrors, ...] = ()
+
+    @property
+    def failed(self) -> tuple[int, ...]:
+        """Numbers of the poses that failed."""
+        return tuple(number for number, state in enumerate(self.states) if state == "failed")
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """``(n, t)`` of each tracked mode, NaN where it is not."""
+        if self.modes is None or self.tracked is None:
+            return np.zeros((len(self.states), 0))
+        return tracked_frequencies(self.modes.frequencies_hz, self.tracked.index)
+
+
+def collect_results(
+    scene: Scene, sweep: Sweep, found: Sequence[PoseResult], superelements: Mapping[str, Superelement], *, key: str
+) -> SweepResults:
+    """Arrays over all poses from the results of each, modes followed from pose to pose.
+
+    Args:
+        scene: Tells what was asked for.
+        sweep: The poses.
+        found: One result per pose, in order.
+        superelements: By component name, in the order of the shapes' dofs.
+        key: Of the results.
+    """
+    shapes = _stack_shapes(found)
+    modes = tracked = None
+    if shapes.shape[2]:
+        modes = SweptModes(
+            frequencies_hz=_pad([result.frequencies_hz for result in found]),
+            fields=shapes if is_lumped(scene) else weigh_shapes(shapes, superelements),
+            wanted=np.array([result.wanted for result in found], dtype=np.int64),
+            rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
+        )
+        tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
+    static, frf = scene.analyses.static, scene.analyses.frf
+    ports = () if frf is None else tuple(port for port in frf.inputs if port in frf.outputs)
+    conditions = _pad([result.condition for result in found])
+    return SweepResults(
+        name=scene.name,
+        key=key,
+        sweep=sweep,
+        states=tuple(result.state for result in found),
+        errors=tuple(result.error for result in found),
+        modes=modes,
+        tracked=tracked,
+        shapes=shapes,
+        points={name: _map_point(found, place) for place, name in enumerate(() if static is None else static.at)},
+        condition=conditions[:, 0] if conditions.shape[1] else None,
+        figures={port: _figures(found, place) for place, port in enumerate(ports)},
+    )
+
+
+def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:
+    """Shapes ``(n, d, m)`` times the root of the mass matrix: their scalar products are the kinetic energy they share."""
+    weighed = np.empty_like(shapes)
+    first = 0
+    for part in superelements.values():
+        levels, vectors = np.linalg.eigh(0.5 * (part.mass + part.mass.T))
+        root = (vectors * np.sqrt(np.maximum(levels, 0.0))) @ vectors.T
+        last = first + len(root)
+        weighed[:, first:last] = root.astype(np.float32) @ shapes[:, first:last]
+        first = last
+    return weighed
+
+
+def principal_compliance(compliance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Largest motion per unit force ``(n,)``, the force's direction ``(n, 3)`` and largest over smallest ``(n,)``.
+
+    The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are parallel.
+    """
+    known = np.isfinite(compliance).all(axis=(1, 2))
+    largest, ratio = np.full(len(compliance), np.nan), np.full(len(compliance), np.nan)
+    direction = np.full((len(compliance), 3), np.nan)
+    symmetric = 0.5 * (compliance[known] + np.swapaxes(compliance[known], 1, 2))
+    levels, vectors = np.linalg.eigh(symmetric)
+    largest[known] = levels[:, 2]
+    # a direction and its opposite are the same: the largest part points forward
+    axis = vectors[:, :, 2]
+    ahead = np.take_along_axis(axis, np.argmax(np.abs(axis), axis=1)[:, None], axis=1)
+    direction[known] = axis * np.sign(ahead)
+    stiff = levels[:, 0] > 0.0
+    ratio[known] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
+    return largest, direction, ratio
+
+
+def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
+    known = [len(result.compliance) > place for result in found]
+    blank = np.full((3, 3), np.nan)
+    compliance = np.array([result.compliance[place] if has else blank for result, has in zip(found, known, strict=True)])
+    span = slice(3 * place, 3 * place + 3)
+    links = tuple(result.links[span] if has else ("", "", "") for result, has in zip(found, known, strict=True))
+    shares = np.array([result.link_shares[span] if has else np.full(3, np.nan) for result, has in zip(found, known, strict=True)])
+    return PointMap(compliance, *principal_compliance(compliance), links, shares)
+
+
+def _figures(found: Sequence[PoseResult], place: int) -> FloatArray:
+    blank = np.full(len(FIGURES), np.nan)
+    return np.array([result.figures[place] if len(result.figures) > place else blank for result in found])
+
+
+def _stack_shapes(found: Sequence[PoseResult]) -> SingleArray:
+    rows, columns = (max((result.shapes.shape[axis] for result in found), default=0) for axis in (0, 1))
+    shapes = np.zeros((len(found), rows, columns), dtype=np.float32)
+    for number, result in enumerate(found):
+        if result.shapes.size:
+            shapes[number, :, : result.shapes.shape[1]] = result.shapes
+    return shapes
+
+
+def _pad(rows: Sequence[FloatArray]) -> FloatArray:
+    """Rows of different lengths as one array, NaN where there is nothing."""
+    table = np.full((len(rows), max((len(row) for row in rows), default=0)), np.nan)
+    for number, row in enumerate(rows):
+        table[number, : len(row)] = row
+    return table

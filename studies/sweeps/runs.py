@@ -1,0 +1,195 @@
+"""Running a sweep: components reduced once, poses dealt out to the ranks in turn, each finished pose kept in a journal."""
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.pipeline.planning.plan import StageRecord
+from headstock.pipeline.planning.planner import is_lumped, plan_scene
+from headstock.pipeline.planning.resources_2 import measure
+from headstock.pipeline.runner import HANDLERS, Observer
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.storage.outputs import OutputError
+from headstock.pipeline.storage.scene_content import PACKAGES, file_digests
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import Analyses
+from headstock.scene.scene import Scene
+from headstock.scene.sweep_poses import Sweep, sweep_pose
+from headstock.solvers.rank_messages import share_from_root
+from headstock.studies.sweeps.journals import PoseJournal, read_journals
+from headstock.studies.sweeps.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
+from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_pose
+from headstock.studies.sweeps.pose_results import PoseResult
+
+# of no influence on what is found in a pose
+IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")
+SWEPT_ANALYSES = ("static", "modal", "frf")
+WAIT_TAG = 4712
+POLL_SECONDS = 0.005
+
+
+@dataclass(frozen=True)
+class Part:
+    """Which share of the poses a job computes: the first of one unless it is one of several jobs."""
+
+    number: int = 1
+    of: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class SweepJob:
+    """A sweep as it was when it was started.
+
+    Attributes:
+        scene: With only the analyses that are swept.
+        sweep: Its poses.
+        folder: Of the results.
+        part: Share of the poses that this job computes.
+        retry: Poses that failed before are computed again.
+    """
+
+    scene: Scene
+    sweep: Sweep
+    folder: Path
+    part: Part = Part()
+    retry: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class SweepOutcome:
+    """What is known when a sweep's poses have been computed.
+
+    Attributes:
+        key: Of everything a pose's result depends on.
+        results: One per pose, in order; None for poses that another part computes.
+        computed: How many this job computed, on all ranks.
+        state: Of the run that made the superelements.
+        superelements: By component name, without their recovery.
+    """
+
+    key: str
+    results: tuple[PoseResult | None, ...]
+    computed: int
+    state: RunState
+    superelements: dict[str, Superelement]
+
+    def complete(self) -> list[PoseResult]:
+        """One result per pose.
+
+        Raises:
+            OutputError: A pose is missing: another part has not computed it.
+        """
+        found = [result for result in self.results if result is not None]
+        if len(found) < len(self.results):
+            raise OutputError(f"{len(self.results) - len(found)} of {len(self.results)} poses are not computed yet")
+        return found
+
+
+def select_analyses(scene: Scene) -> Scene:
+    """The scene with only the analyses that are swept, whatever poses they name."""
+    kept = {name: getattr(scene.analyses, name) for name in SWEPT_ANALYSES}
+    return dataclasses.replace(scene, analyses=Analyses(**kept))
+
+
+def sweep_key(scene: Scene) -> str:
+    """SHA-256 of everything a pose's result depends on but its positions: the scene, its files and this program."""
+    content = {
+        "scene": {key: value for key, value in scene.raw.items() if key not in IRRELEVANT_SECTIONS},
+        "files": dict(file_digests(scene.path.parent, scene.raw)),
+        "algorithm": [code_fingerprint(package) for package in PACKAGES],
+        "libraries": library_versions(REDUCTION_LIBRARIES),
+    }
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+
+
+def run_sweep(
+    job: SweepJob,
+    *,
+    comm: MPI.Comm,
+    observer: Observer = lambda record: None,
+    on_pose: Callable[[int, int], None] = lambda done, total: None,
+) -> SweepOutcome:
+    """Compute every pose that is in no journal yet; collective.
+
+    Poses are dealt out in turn, so that every rank gets some of each region, rank 0 too. An error in one pose is that pose's
+    result. What one rank raises ends the job through the caller (``comm.Abort``).
+
+    Args:
+        job: The same on every rank.
+        comm: Collective.
+        observer: Told of each component's stage as it ends, on rank 0.
+        on_pose: Told on rank 0 how many of its poses are done, of how many.
+
+    Raises:
+        OutputError: A journal cannot be written.
+        HeadstockError: A component cannot be reduced.
+    """
+    key = share_from_root(comm, sweep_key(job.scene) if comm.rank == 0 else None)
+    waiting = share_from_root(comm, _find_waiting(job, key) if comm.rank == 0 else None)
+    state, superelements = _make_components(job, comm, observer)
+    mine = waiting[comm.rank :: comm.size]
+    if mine:
+        with PoseJournal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
+            for count, result in enumerate(_solve_poses(job, state, superelements, mine), start=1):
+                journal.append(result)
+                if comm.rank == 0:
+                    on_pose(count, len(mine))
+    _wait_for_all(comm)
+    known = read_journals(job.folder, key) if comm.rank == 0 else {}
+    results = tuple(known.get(positions.tobytes()) for positions in job.sweep.positions)
+    return SweepOutcome(key, results, len(waiting), state, superelements)
+
+
+def _find_waiting(job: SweepJob, key: str) -> list[int]:
+    known = read_journals(job.folder, key)
+    done = {name for name, result in known.items() if not (job.retry and result.state == "failed")}
+    waiting = [number for number, positions in enumerate(job.sweep.positions) if positions.tobytes() not in done]
+    return [number for number in waiting if number % job.part.of == job.part.number - 1]
+
+
+def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple[RunState, dict[str, Superelement]]:
+    """Reduce every component, or take it from the store; every rank gets all superelements, without what pictures need."""
+    state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
+    for message in (*job.scene.warnings, *state.plan.warnings):
+        state.warn(message)
+    for stage in state.plan.stages:
+        if stage.component is not None:
+            with measure() as cost:
+                outcome = HANDLERS[stage.kind](state, stage)
+            if state.is_root:
+                observer(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail))
+    light = {
+        name: dataclasses.replace(reduced.superelement, recovery=None, recovery_points=None)
+        for name, reduced in state.reduced.items()
+    }
+    return state, share_from_root(comm, light if state.is_root else None)
+
+
+def _solve_poses(
+    job: SweepJob, state: RunState, superelements: dict[str, Superelement], numbers: list[int]
+) -> Iterator[PoseResult]:
+    if not is_lumped(job.scene):
+        shared = share_machine(state, superelements)
+        for number in numbers:
+            yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])
+        return
+    mechanism: LumpedPoses = share_mechanism(state, superelements)
+    for start in range(0, len(numbers), POSES_AT_ONCE):
+        chunk = numbers[start : start + POSES_AT_ONCE]
+        poses = [sweep_pose(job.sweep, number) for number in chunk]
+        yield from solve_lumped_poses(mechanism, poses, job.sweep.positions[np.array(chunk)])
+
+
+def _wait_for_all(comm: MPI.Comm) -> None:
+    """Wait until every rank has come here, asleep: a barrier would spin and take a core from those that still compute."""
+    request = comm.Ibarrier()
+    while not request.Test():
+        time.sleep(POLL_SECONDS)

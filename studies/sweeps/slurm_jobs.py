@@ -1,0 +1,184 @@
+"""A sweep as an array job of Slurm: its script, what is on record of it, and which task lacks which poses."""
+
+import json
+import shlex
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from headstock.geometry.errors import printable
+from headstock.pipeline.storage.outputs import write_output
+from headstock.scene.sweep_poses import Sweep
+
+SCRIPT_FILE = "sweep.sbatch"
+FOLDER = "slurm"
+SUBMISSION_FILE = "submission.json"
+LOG_PATTERN = "%A_%a.log"
+# what a job takes along of the environment it is submitted from; all else is written out in the script
+PASSED_ON = ("HOME", "USER", "LOGNAME", "PATH")
+WRITTEN_OUT = ("HEADSTOCK_STORE", "HEADSTOCK_PYTHON", "HEADSTOCK_PRIVATE_ROOT", "XDG_CACHE_HOME")
+COMPONENTS_TASK = 0
+QUOTES = set("\"'`")
+
+
+@dataclass(frozen=True)
+class SlurmOptions:
+    """What the user asks of the cluster.
+
+    Attributes:
+        tasks: Array tasks the poses are dealt out to.
+        ranks: MPI ranks of each.
+        partition: None for the cluster's own choice.
+        time_limit: Of each task, as ``sbatch --time`` takes it; None for the partition's.
+        extra: Further options of ``sbatch``, each as it stands on a ``#SBATCH`` line.
+    """
+
+    tasks: int = 4
+    ranks: int = 1
+    partition: str | None = None
+    time_limit: str | None = None
+    extra: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ArrayJob:
+    """Everything a job script is written from.
+
+    Attributes:
+        launcher: ``headstock`` of the checkout that submits; it enters the private root on the node.
+        scene: Scene file.
+        sweep: Name in the scene.
+        folder: Of the results.
+        key: Of everything a pose's result depends on: a task on a node that has another program or scene ends with an error.
+        options: Of the cluster.
+        arguments: Further words of the command line: variant, overrides, retry.
+        start_folder: Where the job starts.
+        environment: Variables that are set in the script.
+    """
+
+    launcher: Path
+    scene: Path
+    sweep: str
+    folder: Path
+    key: str
+    options: SlurmOptions
+    arguments: tuple[str, ...] = ()
+    start_folder: Path = Path("/")
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Submission:
+    """What is kept of a submitted array job, so that a later command finds it.
+
+    Attributes:
+        key: Of the sweep.
+        job: Number of the array job.
+        components_job: Of the job before it that reduces the components; empty without one.
+        tasks: The array was split for.
+        submitted: Tasks that were submitted.
+    """
+
+    key: str
+    job: str
+    components_job: str
+    tasks: int
+    submitted: tuple[int, ...]
+
+
+class ScriptValueError(ValueError):
+    """A value has no place in a job script."""
+
+
+def render_script(job: ArrayJob) -> str:
+    """The job script: the same for every array task, and for task 0, which only reduces the components.
+
+    Raises:
+        ScriptValueError: A value holds a line end or another control character, or a path or a setting holds a quote: sbatch would
+            take what follows for lines or options of its own.
+    """
+    _check_values(job)
+    options = job.options
+    log = f"{job.folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
+    settings = [
+        f"--job-name=headstock-{job.sweep}",
+        f"--array=1-{options.tasks}",
+        "--nodes=1",
+        f"--ntasks={options.ranks}",
+        "--cpus-per-task=1",
+        f'--chdir="{job.start_folder}"',
+        f'--output="{log}"',
+        "--open-mode=append",
+        "--requeue",
+        f"--export={','.join(PASSED_ON)}",
+    ]
+    settings += [f"--partition={options.partition}"] if options.partition else []
+    settings += [f"--time={options.time_limit}"] if options.time_limit else []
+    words = [str(job.launcher), "sweep", str(job.scene), job.sweep, "-o", str(job.folder), *job.arguments]
+    words += ["--ranks", str(options.ranks), "--key", job.key]
+    exports = {"HEADSTOCK_THREADS": "1", **job.environment}
+    return "\n".join(
+        [
+            "#!/bin/sh",
+            f"# Sweep {job.sweep} in {options.tasks} array tasks, each with a journal of its own in poses/. Task {COMPONENTS_TASK} only",
+            "# reduces the components; it comes first. Written by `headstock sweep --on slurm`, which submits and collects.",
+            *(f"#SBATCH {setting}" for setting in (*settings, *options.extra)),
+            *(f"export {name}={shlex.quote(value)}" for name, value in sorted(exports.items())),
+            f'exec {shlex.join(words)} --part "$SLURM_ARRAY_TASK_ID/{options.tasks}"',
+            "",
+        ]
+    )
+
+
+def _check_values(job: ArrayJob) -> None:
+    options = job.options
+    settings = {"the folder of results": job.folder, "the current folder": job.start_folder, "the sweep's name": job.sweep}
+    settings |= {"--partition": options.partition or "", "--time": options.time_limit or ""}
+    words = {"the scene": job.scene, "the launcher": job.launcher, "the sweep's key": job.key, **job.environment}
+    # quotes in these are the user's own, or are quoted for the shell
+    words |= {f"--sbatch {number}": option for number, option in enumerate(options.extra, 1)}
+    words |= {f"argument {number} of the tasks": word for number, word in enumerate(job.arguments, 1)}
+    for what, value in {**settings, **words}.items():
+        text = str(value)
+        if printable(text) != text:
+            raise ScriptValueError(f"{what} {printable(text)!r} holds a control character, which has no place in a job script")
+        if what in settings and set(text) & QUOTES:
+            raise ScriptValueError(f"{what} {text!r} holds a quote, which has no place in the settings of a job script")
+
+
+def task_of(number: int, tasks: int) -> int:
+    """The array task, from 1, that computes a pose."""
+    return number % tasks + 1
+
+
+def list_missing(sweep: Sweep, done: Collection[bytes], tasks: int) -> dict[int, list[int]]:
+    """Numbers of the poses that are not done, by array task; tasks that have done theirs are left out."""
+    missing: dict[int, list[int]] = {}
+    for number, positions in enumerate(sweep.positions):
+        if positions.tobytes() not in done:
+            missing.setdefault(task_of(number, tasks), []).append(number)
+    return dict(sorted(missing.items()))
+
+
+def write_submission(folder: Path, submission: Submission) -> None:
+    """Keep the numbers of a submitted job.
+
+    Raises:
+        OutputError: They cannot be written.
+    """
+    write_output(folder / FOLDER / SUBMISSION_FILE, json.dumps(asdict(submission), indent=1).encode())
+
+
+def read_submission(folder: Path, key: str) -> Submission | None:
+    """The last array job submitted for this sweep from this folder, if there is one."""
+    try:
+        content = json.loads((folder / FOLDER / SUBMISSION_FILE).read_text())
+        found = Submission(**{**content, "submitted": tuple(content["submitted"])})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return found if found.key == key else None
+
+
+def log_file(folder: Path, job: str, task: int) -> Path:
+    """Where a task writes what it prints."""
+    return folder / FOLDER / f"{job}_{task}.log"

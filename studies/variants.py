@@ -1,0 +1,232 @@
+"""One variant of a scene from its file to its modes and compliances, with the time each step took."""
+
+import dataclasses
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.geometry.machine.machine import Pose
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.resources_2 import Cost, measure
+from headstock.pipeline.results.estimates import Estimate
+from headstock.pipeline.results.results import ComponentFacts
+from headstock.pipeline.runner import HANDLERS, gather_facts
+from headstock.pipeline.stages.components import ELASTIC_MODULE
+from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
+from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.motions.compliance_budget import DIRECTIONS, PointBudget, WeakLink, find_weakest_link, point_budget
+from headstock.reduction.motions.mode_naming import name_modes
+from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ModalRequest
+from headstock.scene.scene import Scene
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.rank_messages import share_from_root
+
+# modes are looked for further up than the scene asks, since a partner may lie beyond its limit
+REACH = 1.5
+STEPS = ("load", "components", "couple", "modes")
+
+
+@dataclass(frozen=True)
+class VariantChoice:
+    """A variant to look at.
+
+    Attributes:
+        name: What it is called in tables.
+        variant: Variants of the scene, ``A+B`` for several; None for the scene as written.
+        overrides: ``key=value`` settings applied after it.
+    """
+
+    name: str
+    variant: str | None = None
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What it cost to get from the scene file to the modes.
+
+    Attributes:
+        seconds: Wall-clock time of each of ``STEPS`` [s].
+        cpu_seconds: Processor time of each, threads and child processes included [s].
+        import_seconds: Time to load the finite element library, which is no part of the steps [s].
+        reduced: Elastic components there are.
+        stored: How many of them came from the store.
+    """
+
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    import_seconds: float = 0.0
+    reduced: int = 0
+    stored: int = 0
+
+    @property
+    def total(self) -> float:
+        """Wall-clock time from scene to modes [s]."""
+        return sum(self.seconds.values())
+
+    @property
+    def cpu_total(self) -> float:
+        """Processor time from scene to modes [s]."""
+        return sum(self.cpu_seconds.values())
+
+
+@dataclass(frozen=True, eq=False)
+class VariantSolution:
+    """What a variant of a machine does in one pose.
+
+    Attributes:
+        choice: Which variant it is.
+        components: By name.
+        pose: Name of the pose.
+        coupled: The machine in it.
+        modal: Modes up to ``REACH`` times what the scene asks for; None without a modal analysis.
+        mode_names: Of all of them.
+        wanted: How many of them the scene asks for.
+        points: Compliance and budget by point name; empty without a static analysis.
+        weak_links: Point to direction to the part that gives most of the compliance.
+        effort: From scene to modes, without error estimates.
+        mode_errors: An estimate [Hz] per natural frequency of ``modal``.
+        point_errors: Point to direction to an estimate [m/N] of the compliance along it.
+        failures: Analyses that were refused, with the reason.
+    """
+
+    choice: VariantChoice
+    components: dict[str, ComponentFacts]
+    pose: str
+    coupled: CoupledMachine
+    modal: ModalResult | None
+    mode_names: tuple[str, ...]
+    wanted: int
+    points: dict[str, PointBudget]
+    weak_links: dict[str, dict[str, WeakLink | None]]
+    effort: Effort
+    mode_errors: tuple[Estimate, ...]
+    point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    failures: tuple[str, ...] = ()
+
+
+def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: MPI.Comm, store: Store) -> VariantSolution | None:
+    """Solve one variant of a scene in one pose; collective.
+
+    Args:
+        path: Scene file.
+        choice: The variant.
+        pose: Pose name; None for the first.
+        comm: Ranks that reduce elastic components together.
+        store: Where meshes and superelements are kept.
+
+    Returns:
+        The solution on rank 0, None elsewhere.
+
+    Raises:
+        SceneError: The variant of the scene has problems.
+        HeadstockError: A computation failed.
+    """
+    with measure() as loading:
+        scene = share_from_root(
+            comm, load_scene(path, variant=choice.variant, overrides=choice.overrides) if comm.rank == 0 else None
+        )
+        state = RunState(scene, plan_scene(scene), comm, store)
+    effort = _make_components(state)
+    if not state.is_root:
+        return None
+    stands = choose_pose(scene, pose)
+    superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
+    with measure() as coupling:
+        coupled = couple(superelements, scene.machine, stands, gravity=state.plan.gravity)
+    with measure() as solving:
+        modal, wanted = _solve_modes(coupled, scene.analyses.modal)
+    costs = {"load": loading, "couple": coupling, "modes": solving}
+    solution = VariantSolution(
+        choice=choice,
+        components={name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
+        pose=stands.name,
+        coupled=coupled,
+        modal=modal,
+        mode_names=() if modal is None else name_modes(coupled, modal).names,
+        wanted=wanted,
+        points={},
+        weak_links={},
+        effort=_add_steps(effort, costs),
+        mode_errors=() if modal is None else estimate_mode_errors(state, coupled, modal),
+    )
+    return _with_compliances(solution, state)
+
+
+def choose_pose(scene: Scene, name: str | None) -> Pose:
+    """A pose by name, or the first one that the analyses ask for.
+
+    Raises:
+        ModelError: There is no such pose.
+    """
+    if name is None:
+        modal, static = scene.analyses.modal, scene.analyses.static
+        asked: Sequence[str] = (modal.poses if modal else ()) or (static.poses if static else ()) or tuple(scene.poses)
+        return scene.poses[asked[0]]
+    if name not in scene.poses:
+        raise ModelError(f"there is no pose {name!r}; poses: {', '.join(scene.poses)}")
+    return scene.poses[name]
+
+
+def _make_components(state: RunState) -> Effort:
+    """Run the stages that make superelements; importing the finite elements is measured apart."""
+    imports, work = 0.0, Cost()
+    reduced = stored = 0
+    for stage in state.plan.stages:
+        if stage.component is None:
+            continue
+        if stage.kind == "reduce":
+            reduced += 1
+            stored += stage.component not in state.meshes
+            if stage.component in state.meshes:
+                with measure() as importing:
+                    importlib.import_module(ELASTIC_MODULE)
+                imports += importing.seconds
+        with measure() as cost:
+            HANDLERS[stage.kind](state, stage)
+        work = Cost(work.seconds + cost.seconds, work.cpu_seconds + cost.cpu_seconds)
+    return Effort({"components": work.seconds}, {"components": work.cpu_seconds}, imports, reduced, stored)
+
+
+def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
+    seconds = effort.seconds | {step: cost.seconds for step, cost in costs.items()}
+    cpu_seconds = effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()}
+    return dataclasses.replace(
+        effort, seconds={step: seconds[step] for step in STEPS}, cpu_seconds={step: cpu_seconds[step] for step in STEPS}
+    )
+
+
+def _solve_modes(coupled: CoupledMachine, request: ModalRequest | None) -> tuple[ModalResult | None, int]:
+    """Modes somewhat beyond what is asked for, and how many are asked for."""
+    if request is None:
+        return None, 0
+    count = None if request.count is None else int(REACH * request.count) + 1
+    limit = None if request.up_to_hz is None else REACH * request.up_to_hz
+    modal = solve_modal(coupled.system, count=count, up_to_hz=limit)
+    wanted = len(modal.frequencies_hz) if request.count is None else min(request.count, len(modal.frequencies_hz))
+    if request.up_to_hz is not None:
+        wanted = min(wanted, max(modal.rigid_count, int((modal.frequencies_hz <= request.up_to_hz).sum())))
+    return modal, wanted
+
+
+def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolution:
+    request = state.scene.analyses.static
+    if request is None:
+        return solution
+    try:
+        points = {name: point_budget(solution.coupled, name) for name in request.at}
+    except ModelError as error:
+        return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
+    links = {
+        name: {direction: find_weakest_link(solution.coupled, name, direction, budget) for direction in DIRECTIONS}
+        for name, budget in points.items()
+    }
+    errors = {name: estimate_compliance_errors(state, solution.coupled, budget.displacements) for name, budget in points.items()}
+    return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)

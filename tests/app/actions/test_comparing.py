@@ -1,0 +1,231 @@
+"""``headstock compare`` prints one table, writes its files, and refuses what it cannot do before it begins."""
+
+import csv
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from headstock.app.command_line import main
+from headstock.app.texts.error_texts import show_bound, show_bounded
+from headstock.geometry.parts.components import Component
+from headstock.reduction.components import elastic as elastic_reduction
+from headstock.reduction.superelement import Superelement
+
+SCENE = """
+name = "A bar on springs"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bar]
+solid = { box = ["40 mm", "60 mm", "500 mm"] }
+material = "steel"
+fidelity = "segmented"
+[components.bar.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.mount]
+between = ["ground", "bar.foot"]
+kind = "mount"
+stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "1 kN m/mrad", torsion = "4 kN m/mrad" }
+[points]
+tcp = { tool = "bar.tip", work = "ground" }
+[poses.home]
+[variants.R]
+"components.bar.fidelity" = "rigid"
+[variants.thick]
+"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 6
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path = tmp_path / "bar.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, copy = tmp_path / "out", tmp_path / "copy.json"
+    assert main(["compare", str(scene), "-o", str(out), "--json", str(copy)]) == 0
+    printed = capsys.readouterr().out
+    for text in (
+        "as written",
+        "R",
+        "thick",
+        "MAC 1.00",
+        "dx/Fx",
+        "weak link z",
+        "mount",
+        "dofs solved for",
+        "seconds from scene",
+        "–",
+    ):
+        assert text in printed, text
+    summary = json.loads((out / "compare.json").read_text())
+    assert json.loads(copy.read_text()) == summary
+    assert set(summary) == {"scene", "pose", "reference", "same_from", "modes", "variants", "provenance"}
+    # every frequency of the reference is printed as the file has it
+    for row in summary["modes"]:
+        cell = row["variants"]["as written"]
+        if cell is not None:
+            assert f"{cell['frequency_hz']:#.4g}".rstrip(".")[:4] in printed
+    assert {path.name for path in out.iterdir()} >= {
+        "compare.html", "compare.json", "modes.csv", "compliances.csv", "variants.csv", "frequencies.png", "compliances.png",
+    }  # fmt: skip
+
+
+def test_csv_and_page_hold_the_unrounded_numbers_of_the_json(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "R,as written"]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    with (out / "modes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(summary["modes"])
+    page = (out / "compare.html").read_text()
+    for row, wanted in zip(rows, summary["modes"], strict=True):
+        cell = wanted["variants"]["R"]
+        assert row["R [Hz]"] == ("" if cell is None else repr(cell["frequency_hz"]))
+        assert cell is None or f'value="{cell["frequency_hz"]!r}"' in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+
+
+def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["compare", str(scene), "-o", str(out), "--variants", "as written", "--fidelity", "rigid,segmented"]
+    assert main([*arguments, "--effort", "--change", "thick"]) == 0
+    printed = capsys.readouterr().out
+    assert "Effort from scene to modes, from an empty store, then with thick" in printed and "CPU s" in printed
+    effort = json.loads((out / "compare.json").read_text())["effort"]
+    assert effort["change"] == ["thick"] and list(effort["variants"]) == ["as written rigid", "as written segmented"]
+    for runs in effort["variants"].values():
+        assert list(runs) == ["first", "changed"]
+        assert runs["first"]["seconds"]["total"] == pytest.approx(sum(list(runs["first"]["seconds"].values())[:-1]), abs=1e-3)
+    assert not (tmp_path / "store").exists()
+
+
+def test_a_scene_says_itself_what_to_compare_and_the_command_line_comes_first(scene: Path, tmp_path: Path) -> None:
+    scene.write_text(SCENE + '[compare]\nvariants = ["thick", "R"]\npose = "home"\nreference = "R"\n')
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out)]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    assert list(summary["variants"]) == ["thick", "R"] and summary["reference"] == "R"
+    assert main(["compare", str(scene), "-o", str(out), "--variants", "thick,as written"]) == 0
+    summary = json.loads((out / "compare.json").read_text())
+    assert list(summary["variants"]) == ["thick", "as written"] and summary["reference"] == "thick"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--variants", "Q"), "unknown variant 'Q'"),
+        (("--fidelity", "stiff"), "there is no fidelity 'stiff'"),
+        (("--pose", "away"), "there is no pose 'away'"),
+        (("--reference", "Q"), "there is no variant 'Q'"),
+        (("--effort", "--change", "components.bar.mass=heavy"), "heavy"),
+        (
+            ("--set", "components.bar.segments.along=x", "--set", 'components.bar.solid={tube={outer="1 m",length="2 m"}}'),
+            "along z only",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_ends_with_2_and_writes_nothing(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+) -> None:
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_static_analysis_that_is_refused_ends_with_1_and_the_modes_are_there(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene.write_text(SCENE.replace('vertical = "200 N/um", horizontal = "60 N/um"', 'vertical = "0 N/um", horizontal = "0 N/um"'))
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out"), "--variants", "R"]) == 1
+    printed = capsys.readouterr().out
+    assert "failed: R: static analysis" in printed and "Natural frequencies" in printed
+
+
+def test_a_lumped_mechanism_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
+    assert main(["compare", str(scene), "-o", str(tmp_path / "out")]) == 2
+    assert "lumped mechanism" in capsys.readouterr().err
+
+
+def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elastic = 'fidelity = "elastic"\nmesh = { size = "20 mm", cells = "hex" }\nreduction = { modes = 10 }'
+    scene.write_text(SCENE.replace('fidelity = "segmented"', elastic))
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "--variants", "as written,R", "-o", str(out)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures"]) == 0
+    summary, alone = (json.loads(path.read_text()) for path in (out / "compare.json", tmp_path / "run" / "summary.json"))
+    variant, rigid = (summary["variants"][name] for name in ("as written", "R"))
+    modes, point = alone["modal"][0], alone["static"]["tcp"]
+    # the same estimates, but for more modes kept in the search
+    assert variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6) and min(variant["error_hz"]) > 0.0
+    assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(point["error_um_per_kN"], rel=1e-6)
+    assert max(rigid["error_hz"]) < 1e-9 and rigid["error_left_out"] == ["rigid model of bar"]
+    page = html.unescape((out / "compare.html").read_text())
+    for hz, error in zip(variant["frequencies_hz"], variant["error_hz"], strict=True):
+        assert f"{show_bounded(hz, error)} {show_bound(hz, error)}" in printed
+        assert f'<data class="bound" value="{error!r}">' in page
+    for direction, error in variant["static"]["tcp"]["error_um_per_kN"].items():
+        place = "xyz".index(direction)
+        value = variant["static"]["tcp"]["compliance_um_per_kN"][place][place]
+        assert f"{show_bounded(value, error)} {show_bound(value, error)}" in printed
+        assert f'<data class="bound" value="{error!r}">' in page
+    for text in (
+        "as written: ± covers 95 % of errors, from discretisation up to",
+        "R: not in ±: rigid model of bar",
+    ):
+        assert text in printed and text in page
+    assert printed.count("not in ±: rigid model of bar") == 1 and "± ?" not in printed
+    with (out / "modes.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float(row["as written ± [Hz]"]) >= variant["error_hz"][0] and float(row["R ± [Hz]"]) <= 0.01
+    with (out / "compliances.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["as written ± [um/kN]"]]
+    assert [(row["motion in"], row["force in"]) for row in rows] == [(d, d) for d in "xyz"]
+
+
+def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_has_them(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # responses call for more modes than the modal analysis
+    elastic = 'fidelity = "elastic"\nmesh = { size = "40 mm", cells = "hex" }'
+    responses = '[analyses.frf]\nto = "6 kHz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
+    scene.write_text(SCENE.replace('fidelity = "segmented"', elastic) + responses)
+    reductions: list[str] = []
+    reduce = elastic_reduction.reduce_elastic
+
+    def count(component: Component, *rest: Any, **settings: Any) -> Superelement:
+        reductions.append(component.name)
+        return reduce(component, *rest, **settings)
+
+    monkeypatch.setattr(elastic_reduction, "reduce_elastic", count)
+    for variant in ([], ["--variant", "thick"]):
+        assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures", *variant]) == 0
+    assert len(reductions) == 2
+    assert main(["compare", str(scene), "--set", "analyses.frf=false", "-o", str(tmp_path / "out")]) == 0
+    assert len(reductions) == 2
+    compared = json.loads((tmp_path / "out" / "compare.json").read_text())["variants"]
+    ran = json.loads((tmp_path / "run" / "summary.json").read_text())["components"]["bar"]
+    assert compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]  # what is stored is richer than what is asked for
+    efforts = [variant["effort"] for variant in compared.values()]
+    assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [(1, 1), (0, 0), (1, 1)]

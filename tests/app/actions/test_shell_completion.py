@@ -1,0 +1,64 @@
+"""The Tab key completes commands, options and file names of ``./headstock``, as typed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from headstock.app.actions.campaigning import CAMPAIGNS
+from headstock.app.actions.shell_completion import SCRIPTS
+from headstock.app.command_line import main
+
+PROGRAM = f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
+ASK = {
+    "bash": '. ./completion; COMP_WORDS=({words}); COMP_CWORD={last}; compopt() {{ echo "compopt $*"; }}\n'
+    '_headstock_completion "${{COMP_WORDS[0]}}"; printf "%s\\n" "${{COMPREPLY[@]}}"',
+    "fish": "source ./completion; complete --do-complete {line}",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    checkout = tmp_path / "my clone"
+    checkout.mkdir()
+    (checkout / "headstock").write_text(PROGRAM)
+    (checkout / "headstock").chmod(0o755)
+    return checkout
+
+
+def ask(shell: str, folder: Path, *words: str) -> list[str]:
+    """What a shell offers for the last word."""
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    (folder / "completion").write_text(SCRIPTS[shell])
+    quoted = " ".join(f"'{word}'" for word in words)
+    line = ASK[shell].format(words=quoted, last=len(words) - 1, line=f"'{' '.join(words)}'")
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run([shell, "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize("shell", ASK)
+def test_commands_options_names_and_files_are_completed(shell: str, folder: Path) -> None:
+    (folder / "scene.toml").touch()
+    assert ask(shell, folder, "./headstock", "cam") == ["campaign"]
+    assert "--variant" in ask(shell, folder, "./headstock", "run", "--v")
+    assert set(ask(shell, folder, "./headstock", "campaign", "")) == set(CAMPAIGNS)
+    files = ask(shell, folder, "./headstock", "check", "sc")
+    assert files[-1] == "scene.toml" if shell == "fish" else files == ["compopt", "-o", "default"]
+
+
+@pytest.mark.parametrize("shell", SCRIPTS)
+def test_a_script_is_printed_for_each_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == 0
+    assert capsys.readouterr().out == SCRIPTS[shell]
+    assert f"_HEADSTOCK_COMPLETE=complete_{shell}" in SCRIPTS[shell]
+
+
+def test_another_shell_is_refused_with_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", "tcsh"]) == 2
+    assert "bash, zsh, fish" in capsys.readouterr().err

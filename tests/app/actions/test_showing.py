@@ -1,0 +1,166 @@
+"""``show`` and ``new``: a newcomer's first five minutes with a part of their own."""
+
+import json
+import os
+import tomllib
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+from headstock.app.command_line import main
+from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.solid_skins import box_skin
+from headstock.meshing.errors import MeshError
+from headstock.scene.building.loader import load_scene
+
+SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def is_png(path: Path) -> bool:
+    return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", str(SUPPORT), "-o", "faces.png", "--json", "faces.json", "--all"]) == 0
+    printed = capsys.readouterr().out
+    assert is_png(folder / "faces.png")
+    listed = json.loads((folder / "faces.json").read_text())
+    assert len(listed["faces"]) == 83
+    assert (listed["unit"], listed["warnings"]) == ("mm", [])
+    table = printed[printed.index("[components.support.interfaces]") : printed.index("picture:")]
+    pasted = tomllib.loads(table)["components"]["support"]["interfaces"]
+    assert pasted["bottom"] == {"face": "z-"}
+    assert pasted["bore"]["patches"] == [{"face": "face:12"}, {"face": "face:22"}]
+    assert {round(1000 * hole["radius"], 2) for hole in listed["holes"]} == {1.5, 3.0, 12.5}
+
+
+def test_every_side_of_a_box_gets_its_number() -> None:
+    skin = box_skin(np.zeros(3), np.array([0.1, 0.2, 0.3]))
+    owners = np.repeat(np.arange(1, 7), 2)
+    image, labelled = draw_numbered(LabelledSurface(skin.points, skin.triangles, owners, {n: str(n) for n in range(1, 7)}, "box"))
+    assert labelled == set(range(1, 7))
+    assert image[:4] == b"\x89PNG"
+
+
+def test_a_scene_is_drawn_with_its_components(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "first"]) == 0
+    assert main(["show", "first/first.toml"]) == 0
+    assert is_png(folder / "first_machine.png")
+    assert "part" in capsys.readouterr().out
+
+
+def test_a_new_box_scene_loads_and_names_what_it_computes(folder: Path) -> None:
+    assert main(["new", "first"]) == 0
+    scene = load_scene(folder / "first" / "first.toml")
+    assert scene.analyses.modal is not None
+    assert scene.analyses.static is not None
+    assert scene.warnings == ()
+
+
+def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_COMMAND", "my clone/headstock")
+    assert main(["new", "mine", "--part", str(SUPPORT)]) == 0
+    assert (folder / "mine" / "support.step").read_bytes() == SUPPORT.read_bytes()
+    assert main(["check", "mine/mine.toml"]) == 0
+    scene = load_scene(folder / "mine" / "mine.toml")
+    assert set(scene.machine.components["part"].interfaces) == {"bottom", "top"}
+    assert "next: 'my clone/headstock' run mine/mine.toml" in capsys.readouterr().out
+
+
+def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder: Path) -> None:
+    assert main(["new", "mine", "--part", str(SUPPORT)]) == 0
+    path = folder / "mine" / "mine.toml"
+    lines = path.read_text().splitlines()
+    start = lines.index("[components.part.interfaces]")
+    end = lines.index("", start)
+    lines[start:end] = [line.removeprefix("# ") for line in lines[start:end]]
+    path.write_text("\n".join(lines))
+    assert set(load_scene(path).machine.components["part"].interfaces) == {"bottom", "top", "holes_1", "holes_2", "bore"}
+
+
+def test_a_part_that_cannot_be_meshed_is_not_called_ready(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(component: Component) -> None:
+        raise MeshError(f"{component.name}: face 7 crosses face 9")
+
+    monkeypatch.setattr("headstock.app.actions.starting.mesh_component", refuse)
+    assert main(["new", "mine", "--part", str(SUPPORT)]) == 1
+    said = capsys.readouterr()
+    assert "cannot be meshed as it is: part: face 7 crosses face 9" in said.err
+    assert "ready" not in said.out
+    assert (folder / "mine" / "mine.toml").is_file()
+
+
+def test_a_picture_makes_its_folder(folder: Path) -> None:
+    assert main(["show", str(SUPPORT), "-o", "pictures/part.png"]) == 0
+    assert is_png(folder / "pictures" / "part.png")
+
+
+def test_nothing_is_overwritten_by_a_new_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine").mkdir()
+    (folder / "mine" / "notes.txt").write_text("precious")
+    assert main(["new", "mine"]) == 2
+    assert [path.name for path in (folder / "mine").iterdir()] == ["notes.txt"]
+    assert "choose another name" in capsys.readouterr().err
+
+
+def test_a_failed_start_leaves_no_folder(folder: Path) -> None:
+    (folder / "broken.step").write_text("ISO-10303-21;\nnonsense")
+    assert main(["new", "mine", "--part", "broken.step"]) == 1
+    assert main(["new", "other", "--part", "missing.step"]) == 1
+    assert main(["new", "third", "--part", "part.stl"]) == 2
+    assert [path.name for path in folder.iterdir() if path.is_dir() and path.name != "store"] == []
+
+
+def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        for place in (0, 50):
+            gmsh.model.occ.addBox(place, 0, 0, 10 + place, 10, 10)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(folder / "pair.step"))
+    finally:
+        gmsh.finalize()
+    assert main(["show", "pair.step"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: pair.step holds 2 solids; choose one: --solid 1")
+    assert said.count("pair.step") == 2, "once as the file, once in what to write"
+    assert main(["show", "pair.step", "--solid", "2"]) == 0
+    assert "60 × 10 × 10 mm" in capsys.readouterr().out
+    assert main(["new", "mine", "--part", "pair.step", "--solid", "2"]) == 0
+    assert tomllib.loads((folder / "mine" / "mine.toml").read_text())["components"]["part"]["solid"] == {
+        "step": "pair.step",
+        "solid": 2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["show", "missing.step"], "no file"),
+        (["show", "pipe.step"], "no regular file"),
+        (["show", "missing.toml"], "missing.toml"),
+        (["show", "part.step", "--component", "x"], "--component goes with a scene"),
+        (["show", "odd.step"], "odd.step:3 holds -NaN in place of a number"),
+        (["new", "odd", "--part", "odd.step"], "odd.step:3 holds -NaN in place of a number"),
+    ],
+)
+def test_what_cannot_be_shown_is_named(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
+    os.mkfifo(folder / "pipe.step")
+    (folder / "odd.step").write_text("ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n")
+    assert main(arguments) in (1, 2)
+    assert words in capsys.readouterr().err

@@ -1,0 +1,27 @@
+"""Figures 17 and 18 are drawn from the rows of the validation, and from nothing else."""
+
+import numpy as np
+
+from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
+from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
+from headstock.validation.machines.axis_kit_paper import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.references.rows import Target, ValidationRow, judge
+
+
+def make_rows(factor: float) -> list[ValidationRow]:
+    return [
+        judge(CASE, compliance_name(variant, fidelity, axis), factor * right, Target(right, "um/kN", float("nan"), "shown only"))
+        for variant in VARIANTS
+        for fidelity in FIDELITIES
+        for axis, right in MEASURED_COMPLIANCE.items()
+    ]
+
+
+def test_the_figure_shows_the_deviations_of_the_rows() -> None:
+    twice, thrice = (draw_axis_kit(make_rows(factor))[FIGURE_NAME] for factor in (2.0, 3.0))
+    assert twice.shape[2] == 4
+    assert twice.shape != thrice.shape or np.any(twice != thrice)
+
+
+def test_other_cases_have_no_such_figure() -> None:
+    assert draw_axis_kit([]) == {}

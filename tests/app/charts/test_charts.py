@@ -1,0 +1,228 @@
+"""Charts: every series is drawn and named, axes hold numbers with units, labels do not touch."""
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import headstock.app.charts.comparison
+import headstock.app.charts.frf
+import headstock.app.charts.study
+import headstock.app.charts.sweep
+from headstock.app.charts.comparison import draw_comparison, spread_labels
+from headstock.app.charts.frf import draw_responses
+from headstock.app.charts.study import describe_column, draw_study
+from headstock.app.charts.sweep import draw_sweep
+from headstock.app.report.comparison_page import render_comparison
+from headstock.app.report.frf import draw_overlay
+from headstock.app.texts.frf_tables import response_unit, round_ticks
+from headstock.pipeline.results.frf import ResponseCurves
+from headstock.scene.studies import Study, StudyFamily
+from headstock.studies.parameters.records import StudyRecord
+from headstock.studies.parameters.tables import tabulate_study, varied_numbers
+
+YOUNG, COUNT = "materials.steel.E", "components.a_component_with_a_long_name.segments.count"
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures that charts were made of, drawn."""
+    found: list[Figure] = []
+
+    def keep(figure: Figure) -> np.ndarray:
+        FigureCanvasAgg(figure).draw()
+        found.append(figure)
+        return np.zeros((1, 1, 4), dtype=np.uint8)
+
+    for module in ("study", "comparison", "sweep", "frf"):
+        monkeypatch.setattr(getattr(headstock.app, f"{module}_charts"), "read_pixels", keep)
+    return found
+
+
+def make_table(counts: int, youngs: tuple[object, ...], watched: int = 2):
+    vary = {YOUNG: youngs, COUNT: tuple(range(1, counts + 1))}
+    study = Study("s", (StudyFamily("", "", {}, vary),), ("modal.frequencies_hz",))
+    records = [
+        StudyRecord(
+            key=f"{young} {count}",
+            family="",
+            varied={YOUNG: young, COUNT: count},
+            status="done",
+            summary={"modal": [{"pose_name": "p", "frequencies_hz": [100.0 * number + count + index for index in range(watched)]}]},
+        )
+        for (number, young), count in itertools.product(enumerate(youngs), vary[COUNT])
+    ]
+    return tabulate_study(study, records)
+
+
+def test_every_series_of_a_study_is_drawn_and_its_legend_is_whole(figures: list[Figure]) -> None:
+    draw_study(make_table(20, ("110 GPa", "150 GPa", "210 GPa")))
+    (figure,) = figures
+    assert [len(axes.get_lines()) for axes in figure.axes] == [20, 20]
+    looks = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].get_lines()}
+    assert len(looks) == 20
+    (legend,) = figure.legends
+    assert [text.get_text().replace("\n", " ").rpartition(" ")[2] for text in legend.get_texts()] == [str(n) for n in range(1, 21)]
+    box, page = legend.get_window_extent(), figure.bbox
+    assert page.x0 <= box.x0 and box.x1 <= page.x1 and page.y0 <= box.y0 and box.y1 <= page.y1
+    panel = figure.axes[0].get_tightbbox()
+    assert panel is not None and box.y1 <= panel.y0 + 1.0
+
+
+def test_quantities_stand_on_an_axis_of_numbers_with_their_unit_and_titles_are_words(figures: list[Figure]) -> None:
+    draw_study(make_table(2, ("110 GPa", "150 GPa", "210 GPa")))
+    axes = figures[0].axes[0]
+    np.testing.assert_allclose(axes.get_lines()[0].get_xdata(), [110.0, 150.0, 210.0])
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["110", "150", "210"]
+    assert axes.get_xlabel() == "materials.steel.E [GPa]"
+    assert axes.get_title("left") == "frequency 1 [Hz]"
+    draw_study(make_table(2, ("210 GPa", "1.5e5 MPa")))
+    np.testing.assert_allclose(figures[1].axes[0].get_lines()[0].get_xdata(), [1.5e11, 2.1e11])
+    assert figures[1].axes[0].get_xlabel() == "materials.steel.E [Pa]"
+
+
+def test_a_study_with_more_numbers_than_panels_says_so(figures: list[Figure]) -> None:
+    draw_study(make_table(2, ("110 GPa", "210 GPa"), watched=40))
+    assert len(figures[0].axes) == 30
+    assert figures[0].get_suptitle() == "the first 30 of 40 watched numbers; study.csv holds all"
+
+
+def test_words_among_quantities_are_no_numbers() -> None:
+    table = make_table(1, ("110 GPa", "soft"))
+    assert varied_numbers(table, YOUNG) is None
+    assert varied_numbers(make_table(1, ("110 GPa", "2 m")), YOUNG) is None
+    found = varied_numbers(make_table(1, ("110 GPa", "2e5 MPa")), YOUNG)
+    assert found is not None and (found.unit, found.values) == ("Pa", (110e9, 200e9))
+
+
+@pytest.mark.parametrize(
+    ("path", "short", "title"),
+    [
+        ("modal.frequencies_hz[0]", "frequencies_hz[0]", "frequency 1 [Hz]"),
+        ("static.tcp.compliance_um_per_kN[0][2]", "compliance_um_per_kN[0][2]", "compliance xz [µm/kN]"),
+        ("static.a.compliance_um_per_kN[0][0]", "a.compliance_um_per_kN[0][0]", "a compliance xx [µm/kN]"),
+        ("totals.mass_kg", "mass_kg", "mass [kg]"),
+        ("seconds", "seconds", "seconds [s]"),
+        ("modal.rigid_count", "rigid_count", "rigid count"),
+    ],
+)
+def test_a_watched_path_is_titled_in_words_with_its_unit(path: str, short: str, title: str) -> None:
+    assert describe_column(path, short) == title
+
+
+def test_labels_that_would_touch_are_moved_up() -> None:
+    assert spread_labels([1.0, 1.1, 5.0], 1.0) == [1.0, 2.0, 5.0]
+
+
+def make_comparison() -> dict:
+    def variant() -> dict:
+        point = {
+            "compliance_um_per_kN": np.diag([1010.2, 2.0, 3.0]).tolist(),
+            "compliance_6x6": np.eye(6).tolist(),
+            "weak_link": dict.fromkeys("xyz"),
+            "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
+            "error_share": {"x": {"discretisation": 0.12}},
+        }
+        seconds = dict.fromkeys(("load", "components", "couple", "modes", "total"), 1.0)
+        effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
+        errors = {"error_hz": [0.5] * 4, "error_share": [{"discretisation": 0.5}] * 4, "error_left_out": [], "rigid_count": 0}
+        return (
+            {"static": {"tcp": point}, "failures": [], "effort": effort | {"from_store": 0}}
+            | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
+            | errors
+        )
+
+    names = [f"variant_with_a_long_name_{number}" for number in range(7)]
+    hz = (1010.2, 1010.4, 1012.0, 99.5)
+    rows = [
+        {
+            "name": f"part bends {number}",
+            "origin": names[0],
+            "variants": {
+                name: {"number": number + 1, "frequency_hz": value, "error_hz": 0.5, "deviation": 0.0, "mac": 1.0} for name in names
+            },
+        }
+        for number, value in enumerate(hz)
+    ]
+    return {
+        "scene": "s", "pose": "p", "reference": names[0], "same_from": 0.5, "modes": rows, "variants": {name: variant() for name in names}
+    }  # fmt: skip
+
+
+def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: list[Figure]) -> None:
+    draw_comparison(make_comparison())
+    levels, bars = figures
+    texts = [text for text in levels.axes[0].texts if text.get_text()]
+    shown = {text.get_text() for text in texts}
+    assert {"1010", "1012", "99.50"} <= shown and not any(text.endswith(".") for text in shown)
+    boxes = [text.get_window_extent() for text in texts if text.get_text()[0].isdigit()]
+    assert len(boxes) == 4 * 7
+    for one, other in itertools.combinations(boxes, 2):
+        assert one.x1 <= other.x0 or other.x1 <= one.x0 or one.y1 <= other.y0 + 1.0 or other.y1 <= one.y0 + 1.0
+    (legend,) = bars.legends
+    assert legend.get_window_extent().x0 >= 0.0 and legend.get_window_extent().x1 <= bars.bbox.x1
+
+
+def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
+    summary = make_comparison()
+    assert "weak link" not in render_comparison(summary, {})
+    link = {"name": "bed", "share": 0.5, "change_if_doubled": -0.2}
+    summary["variants"]["variant_with_a_long_name_1"]["static"]["tcp"]["weak_link"]["y"] = link
+    page = render_comparison(summary, {})
+    assert "weak link y" in page and "weak link x" not in page
+
+
+def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Figure]) -> None:
+    summary = {
+        "kind": "grid",
+        "axes": ["X", "Y"],
+        "units": ["m", "rad"],
+        "shape": [2, 2],
+        "positions": [[0.0, 0.0], [0.0, 1.0], [0.1, 0.0], [0.1, 1.0]],
+        "frequencies_hz": [[1.10801], [1.10802], [1.10803], [1.10804]],
+        "static": {},
+        "condition_number": None,
+        "frf": {},
+    }
+    draw_sweep(summary)
+    bar = figures[0].axes[1]
+    assert bar.yaxis.get_offset_text().get_text() == ""
+    assert all(float(label.get_text()) > 1.1 for label in bar.get_yticklabels() if label.get_text())
+
+
+def make_curves(pose: str, factor: float, spacing: str = "log") -> ResponseCurves:
+    ports = (("tcp", "x"),)
+    frequencies = np.geomspace(20.0, 200.0, 30)
+    values = (factor * 1e-7 / (1.0 - (frequencies / 90.0) ** 2 + 0.1j))[:, None, None]
+    return ResponseCurves(pose, ports, ports, frequencies, values, "receptance", spacing)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (20.0, 200.0, [20.0, 50.0, 100.0, 200.0]),
+        (0.5, 2000.0, [1.0, 10.0, 100.0, 1000.0]),
+        (110.0, 190.0, []),
+        (31.0, 62.0, [40.0, 50.0, 60.0]),
+    ],
+)
+def test_a_logarithmic_axis_has_at_least_three_round_numbers_where_there_are_any(
+    low: float, high: float, ticks: list[float]
+) -> None:
+    assert round_ticks(low, high) == pytest.approx(ticks)
+
+
+def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figure]) -> None:
+    curves = [make_curves("b", 1.0), make_curves("a", 2.0)]
+    assert list(draw_responses(curves)) == ["frf_b", "frf_a", "frf_all_poses"]
+    assert [text.get_text() for text in figures[2].legends[0].get_texts()] == ["pose a", "pose b"]
+    assert [label.get_text() for label in figures[0].axes[1].get_xticklabels()] == ["20", "50", "100", "200"]
+    drawn = str(draw_overlay(curves, "all"))
+    assert drawn.count("<path") == 2 * 2 and "pose a" in drawn and "pose b" in drawn and ">50<" in drawn
+    assert "frf_all_poses" not in draw_responses(curves[:1])
+
+
+def test_compliances_are_shown_in_one_unit_everywhere() -> None:
+    assert response_unit("receptance", ("tcp", "x"), ("tcp", "y")) == ("µm/kN", 1e9)

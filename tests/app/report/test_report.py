@@ -1,0 +1,471 @@
+"""The report is one file that loads nothing, escapes everything, and shows no number that is not in the summary."""
+
+import base64
+import copy
+import json
+import math
+import re
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from headstock.app.command_line import main
+from headstock.app.report.report import format_number, render_report
+from headstock.app.report.viewer_data import (
+    MOST_TRIANGLES,
+    RIGID_SHARE,
+    Caption,
+    encode_machine,
+    pack_columns,
+    pose_shapes,
+    script_json,
+)
+from headstock.geometry.frames import Frame, rigid_map
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solid_skins import box_skin
+from headstock.pipeline.results.files import read_summary, read_view
+from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
+
+MACHINES = Path(__file__).resolve().parents[3] / "machines"
+HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(1)>', "</script><b>", "{{ 7 * 7 }}", "a\u2028b\u2029c", "&lt;")
+SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+class Page(HTMLParser):
+    """Tags, numbers with their values, and the words outside numbers, scripts and styles."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.numbers: list[tuple[float, str]] = []
+        self.words: list[str] = []
+        self.scripts: list[str] = []
+        self.stack: list[str] = []
+        self.value: str | None = None
+        self.is_bound = False
+        self.bounds: list[tuple[float, str]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.tags.append((tag, found))
+        if tag not in ("meta", "img", "input", "br", "link"):
+            self.stack.append(tag)
+        self.value = found.get("value") if tag == "data" else found.get("data-value", self.value if tag == "data" else None)
+        self.is_bound = found.get("class") == "bound"
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        while self.stack and self.stack.pop() != tag:
+            pass
+        self.value = None
+
+    def handle_data(self, data):
+        if self.stack and self.stack[-1] in ("script", "style"):
+            self.scripts.append(data)
+        elif self.value is not None:
+            (self.bounds if self.is_bound else self.numbers).append((float(self.value), data))
+        else:
+            self.words.append(data)
+
+
+def values_in(content) -> set[float]:
+    if isinstance(content, dict):
+        return set().union(*map(values_in, content.values())) if content else set()
+    if isinstance(content, list):
+        return set().union(*map(values_in, content)) if content else set()
+    return {float(content)} if isinstance(content, int | float) and not isinstance(content, bool) else set()
+
+
+def texts_in(content) -> set[str]:
+    if isinstance(content, dict):
+        return set(content).union(*map(texts_in, content.values()))
+    if isinstance(content, list):
+        return set().union(*map(texts_in, content)) if content else set()
+    return {content} if isinstance(content, str) else set()
+
+
+def read_shown(text: str) -> tuple[float, float]:
+    """A number as shown, and half a unit of its last digit."""
+    plain = text.replace("−", "-").replace("\u202f", "")
+    number, _, unit_name = plain.partition(" ")
+    mantissa, _, exponent = number.partition("·10")
+    unit = 10.0 ** int(exponent.translate(SUPERSCRIPTS) or 0) * {"%": 0.01, "mm": 1e-3, "deg": math.pi / 180.0, "": 1.0}[unit_name]
+    return float(mantissa) * unit, 0.5001 * unit * 10.0 ** -len(mantissa.partition(".")[2])
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
+        code = main(["run", str(MACHINES / "three_axis.toml"), "-o", str(folder / "out"), "--variant", "YE", "--no-figures"])
+    assert code == 0
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def html(run_folder: Path) -> str:
+    return (run_folder / "report.html").read_text()
+
+
+def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(run_folder: Path, html: str) -> None:
+    summary = read_summary(run_folder)
+    page = Page(html)
+    assert len(page.numbers) > 200
+    assert {value for value, _ in page.numbers} <= values_in(summary)
+    for value, text in page.numbers:
+        shown, half = read_shown(text)
+        assert shown == pytest.approx(value, abs=half, rel=0.0), text
+
+
+def test_every_error_in_the_report_is_rounded_up(html: str) -> None:
+    page = Page(html)
+    assert len(page.bounds) > 20
+    for value, text in page.bounds:
+        shown, half = read_shown(text.removeprefix("<"))
+        assert value * (1 - 1e-9) <= shown and (text.startswith("<") or shown <= value + 2.0 * half), text
+
+
+def test_no_decimal_number_stands_outside_the_numbered_elements(run_folder: Path, html: str) -> None:
+    words = " ".join(Page(html).words)
+    for text in sorted(texts_in(read_summary(run_folder)), key=len, reverse=True):
+        words = words.replace(text, "") if re.search(r"\d", text) else words
+    assert re.findall(r"\d+[.,]\d+", words) == []
+
+
+def test_the_report_of_the_three_axis_machine_is_below_3_mb(html: str) -> None:
+    assert 0.5e6 < len(html.encode()) < 2.5e6
+
+
+def test_the_report_loads_nothing(html: str) -> None:
+    page = Page(html)
+    for tag, attributes in page.tags:
+        assert tag not in ("link", "iframe", "object", "embed", "base", "form")
+        for name in ("src", "href", "srcset", "action", "poster", "background"):
+            target = attributes.get(name)
+            assert target is None or target.startswith(("#", "data:")), (tag, target)
+    styles = "".join(text for text in page.scripts if "prefers-color-scheme" in text)
+    assert "url(" not in styles and "@import" not in styles
+    policy = next(
+        attributes["content"] for tag, attributes in page.tags if attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert "default-src 'none'" in policy and "http" not in policy
+
+
+def test_the_same_report_is_written_again_from_the_files_alone(run_folder: Path, html: str) -> None:
+    # no comparison by pytest: listing the differences of two pages takes minutes
+    same = render_report(read_summary(run_folder), read_view(run_folder)) == html
+    assert same
+
+
+def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> None:
+    summary = read_summary(run_folder)
+    assert "The column “± Hz”" in render_report(summary)
+    count = len(summary["modal"][0]["error_hz"])
+    for modes in summary["modal"]:
+        modes["error_hz"] = [None] * len(modes["error_hz"])
+    assert "was not estimated" in render_report(summary)
+    summary["modal"][0]["error_hz"] = [0.25] * count
+    changed = render_report(summary)
+    assert '<data class="bound" value="0.25">0.25</data>' in changed
+
+
+def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(tmp_path: Path) -> None:
+    command = ["run", str(MACHINES / "tripteor.toml"), "--analysis", "static", "--no-figures", "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    page = Page((tmp_path / "out" / "report.html").read_text())
+    compliance = read_summary(tmp_path / "out")["static"]["tcp"]["compliance_um_per_kN"]
+    assert page.bounds == []
+    assert {compliance[place][place] for place in range(3)} <= {value for value, _ in page.numbers}
+
+
+def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(run_folder: Path) -> None:
+    summary = read_summary(run_folder)
+    names, hz = ["free X translation of a", "whole machine moves Y on m", "a bends X"], [0.0, 2.0, 87.5]
+    modes = summary["modal"][0] | {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
+    modes |= {
+        key: modes[key][:3]
+        for key in ("error_hz", "damping_ratio", "damping_error", "damped_hz", "damped_error_hz", "energy_share")
+    }
+    html = render_report(summary | {"modal": [modes]})
+    tile = html[html.index("First mode that deforms") :][:200]
+    assert '<data value="87.5">' in tile and "a bends X" in tile
+
+
+def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> None:
+    summary = read_summary(run_folder) | {"warnings": ["the bed is soft"], "failures": ["it floats"], "status": "failed"}
+    html = render_report(summary)
+    assert html.index("it floats") < html.index("the bed is soft") < html.index('class="keys"')
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [{"modal": []}, {"static": {}}, {"static": {}, "modal": []}, {"components": {}, "stages": [], "static": {}, "modal": []}],
+    ids=["static only", "modal only", "neither", "nothing"],
+)
+def test_a_report_of_part_of_the_analyses_holds_what_there_is(run_folder: Path, missing: dict) -> None:
+    summary = read_summary(run_folder)
+    summary.pop("static_poses")
+    html = render_report(summary | missing)
+    assert ('id="modes"' in html) == (missing.get("modal") != [])
+    assert ('id="stiffness"' in html) == (missing.get("static") != {})
+    assert 'id="machine"' not in html
+    assert {value for value, _ in Page(html).numbers} <= values_in(summary)
+
+
+def test_probes_are_shown_with_their_stress(run_folder: Path) -> None:
+    stress = {pair: float(i) for i, pair in enumerate(("xx", "yy", "zz", "xy", "xz", "yz"))}
+    probe = {
+        "component": "bed",
+        "displacement_um": [1.5, 2.5, 3.5],
+        "stress_mpa": stress,
+        "von_mises_mpa": 7.25,
+        "stress_jump": 0.0625,
+    }
+    summary = read_summary(run_folder) | {"probes": {"reference": {"corner": probe}}}
+    page = Page(render_report(summary))
+    assert {1.5, 7.25, 0.0625} <= {value for value, _ in page.numbers}
+
+
+def hostile_view() -> MachineView:
+    skins = {name: box_skin(np.zeros(3), np.ones(3)) for name in HOSTILE}
+    joints = {name: JointView("spring", name, name, Frame()) for name in HOSTILE}
+    points = {name: PointView(name, name, np.zeros(3)) for name in HOSTILE}
+    pose = PoseView({name: Frame() for name in HOSTILE}, joints, points, {name: np.ones((2, 8, 3)) for name in HOSTILE})
+    return MachineView(skins, {}, {HOSTILE[0]: pose})
+
+
+def hostile_summary(run_folder: Path) -> dict:
+    summary = copy.deepcopy(read_summary(run_folder))
+    summary["name"], summary["warnings"], summary["failures"] = HOSTILE[0], list(HOSTILE), list(HOSTILE)
+    facts = next(iter(summary["components"].values()))
+    summary["components"] = dict.fromkeys(HOSTILE, facts | {"fidelity": HOSTILE[2]})
+    summary["versions"] = {HOSTILE[1]: HOSTILE[0]}
+    shares = dict.fromkeys(HOSTILE, 0.125)
+    point = next(iter(summary["static"].values()))
+    summary.pop("static_poses", None)
+    summary["static"] = {HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "sentence": HOSTILE[2]}}
+    modes = summary["modal"][0]
+    modes |= {"pose_name": HOSTILE[0], "mode_names": [HOSTILE[1]] * len(modes["mode_names"])}
+    modes["energy_share"] = [shares] * len(modes["mode_names"])
+    summary["modal"] = [modes]
+    summary["stages"] = [row | {"component": HOSTILE[0], "pose": HOSTILE[1], "reason": HOSTILE[2]} for row in summary["stages"]]
+    return summary
+
+
+def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> None:
+    html = render_report(hostile_summary(run_folder), hostile_view())
+    page = Page(html)
+    assert [tag for tag, _ in page.tags].count("script") == 2
+    assert not any(tag in ("b", "script") and attributes.get("onerror") for tag, attributes in page.tags)
+    assert not any(name.startswith("on") for _, attributes in page.tags for name in attributes)
+    assert [tag for tag, _ in page.tags].count("img") == 0
+    shown = "".join(page.words)
+    assert all(text in shown for text in (*HOSTILE[:4], HOSTILE[5]))
+
+
+def test_data_for_the_viewer_survives_hostile_names_unchanged() -> None:
+    view = hostile_view()
+    machine = encode_machine(view, {HOSTILE[0]: [Caption("mode:0", HOSTILE[0], HOSTILE[4])]})
+    assert machine is not None
+    assert not set("<>&\u2028\u2029") & set(machine.text)
+    data = json.loads(machine.text)
+    assert [part["name"] for part in data["components"]] == list(HOSTILE)
+    assert data["poses"][0]["shapes"][0]["text"] == HOSTILE[4]
+    assert json.loads(script_json(list(HOSTILE))) == list(HOSTILE)
+
+
+def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_is_seen(run_folder: Path) -> None:
+    view = read_view(run_folder)
+    name, pose = next(iter(view.poses.items()))
+    machine = encode_machine(
+        view, {name: [Caption("push:tcp x", kind="force"), Caption("mode:0"), Caption("mode:8", frequency_hz=126.0)]}
+    )
+    assert machine is not None
+    assert (machine.left_out, machine.thinned) == (0, {})
+    data = json.loads(machine.text)
+    block = zlib.decompress(base64.b64decode(data["blob"]))
+    start = 0
+
+    def take(kind: str, rows: int, columns: int) -> np.ndarray:
+        """Columns of differences, lowest bytes first."""
+        nonlocal start
+        width = np.dtype(kind).itemsize
+        raw = np.frombuffer(block, np.uint8, rows * columns * width, start).reshape(width, -1)
+        start += raw.size
+        steps = np.ascontiguousarray(raw.T).view(f"<u{width}").reshape(columns, rows)
+        return np.cumsum(steps, axis=1, dtype=f"u{width}").T.copy().view(kind)
+
+    kept = []
+    for about, skin in zip(data["components"], view.skins.values(), strict=True):
+        points = np.array(about["low"]) + take("<u2", about["points"], 3) * np.array(about["step"])
+        # the page has them in another order
+        distances, nearest = cKDTree(points).query(skin.points)
+        assert distances.max() < 1e-4 * data["size"]
+        kept.append(np.argsort(nearest))
+        for simplices, corners in ((skin.triangles, 3), (skin.edges, 2)):
+            found = take("<u4", about[("", "", "edges", "triangles")[corners]], corners)
+            assert {tuple(sorted(one)) for one in nearest[simplices].tolist()} == {tuple(sorted(one)) for one in found.tolist()}
+    assert data["bytes"] == 2
+    for shape, force in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
+        parts = pose_shapes(pose)[shape["id"]]
+        largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
+        assert shape["largest"] == pytest.approx(force * largest, rel=1e-4)
+        for (part_name, part), rigid, order in zip(parts.items(), shape["rigid"], kept, strict=True):
+            if rigid is None:
+                found = take("<i2", len(part), 3)
+                np.testing.assert_allclose(found / 32767.0, part[order] / largest, atol=1.0 / 30000.0)
+                continue
+            frame = pose.placements[part_name]
+            moved = rigid_map(view.skins[part_name].points @ frame.rotation.T + frame.origin, np.zeros(3)) @ rigid
+            np.testing.assert_allclose(moved.reshape(-1, 3), part / largest, atol=RIGID_SHARE)
+        for resolved, order in zip(shape["resolved"], kept, strict=True):
+            assert not resolved or take("u1", len(order), 1).max() <= 255
+    assert start == len(block)
+    fidelities = {name: facts["fidelity"] for name, facts in read_summary(run_folder)["components"].items()}
+    assert all(
+        rigid is not None
+        for shape in data["poses"][0]["shapes"]
+        for (name, rigid) in zip(view.skins, shape["rigid"], strict=True)
+        if fidelities[name] == "rigid"
+    )
+    assert any(rigid is None for shape in data["poses"][0]["shapes"] for rigid in shape["rigid"])
+
+
+def test_packed_columns_wrap_round_and_hold_every_number() -> None:
+    values = np.array([[-32768, 5], [32767, -1], [0, 0]], dtype=np.int16)
+    raw = np.frombuffer(pack_columns(values), np.uint8).reshape(2, -1)
+    steps = np.ascontiguousarray(raw.T).view("<u2").reshape(2, 3)
+    np.testing.assert_array_equal(np.cumsum(steps, axis=1, dtype=np.uint16).T.view(np.int16), values)
+
+
+def test_the_viewer_is_told_what_colours_and_arrows_mean_and_shows_what_deforms_first(run_folder: Path, html: str) -> None:
+    summary = read_summary(run_folder)
+    start = html.index('id="machine-data">') + len('id="machine-data">')
+    data = json.loads(html[start : html.index("</script>", start)])
+    modes, shapes = summary["modal"][0], data["poses"][0]["shapes"]
+    kinds = [shape["kind"] for shape in shapes]
+    assert kinds == sorted(kinds, key=["force", "mode", "whole"].index) and kinds.count("force") == 3
+    # six motions on soft mounts come first by frequency and last in the list
+    assert kinds.count("whole") == 6 and shapes[3]["id"] == "mode:6" and shapes[-1]["id"] == "mode:5"
+    assert shapes[3]["shares"] == {
+        part: round(share, 4) for part, share in modes["energy_share"][6].items() if round(share, 4) >= 0.002
+    }
+    compliance = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])
+    for column, shape in enumerate(shapes[:3]):
+        assert "1 kN at tcp" in shape["text"]
+        # the tool gives way by most of what is between tool and work
+        assert 0.3 < 1e6 * shape["largest"] / compliance[column, column] < 3.0
+        assert shape["peak"] > 0.0
+    point = next(point for point in data["poses"][0]["points"] if point["name"] == "tcp")
+    names = [part["name"] for part in data["components"]]
+    assert point["tool"].startswith(f"{names[point['body']]}.") and point["work"].startswith(f"{names[point['back_body']]}.")
+    pose = read_view(run_folder).poses[data["poses"][0]["name"]].points["tcp"]
+    np.testing.assert_allclose([point["at"], point["back"]], [pose.tool_place, pose.work_place], rtol=1e-6)
+
+
+def test_every_element_that_the_viewer_asks_for_is_in_the_page_and_the_bundle_is_built_from_the_source(html: str) -> None:
+    folder = Path(__file__).resolve().parents[3] / "app" / "report" / "viewer"
+    source, bundle = ((folder / name).read_text() for name in ("viewer.js", "viewer.bundle.js"))
+    wanted = set(re.findall(r'byId\("([a-z-]+)"\)', source))
+    identifiers = {attributes["id"] for _, attributes in Page(html).tags if "id" in attributes}
+    assert len(wanted) > 15 and wanted <= identifiers
+    for text in [*wanted, *re.findall(r'"((?:\w+ ){2}[\w ]*)"', source)]:
+        assert text in bundle, text
+
+
+def ball(count: int) -> Skin:
+    """A sphere of ``2 count^2`` triangles."""
+    u, v = np.meshgrid(np.linspace(0.0, 2 * np.pi, count, endpoint=False), np.linspace(1e-3, np.pi - 1e-3, count + 1))
+    points = np.column_stack([(np.cos(u) * np.sin(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(v).ravel()])
+    k = np.arange(count * count)
+    after = k - k % count + (k + 1) % count
+    triangles = np.vstack([np.column_stack([k, k + count, after]), np.column_stack([after, k + count, after + count])])
+    return Skin(points, triangles, np.zeros((0, 2), dtype=np.int64), "mesh")
+
+
+def test_a_huge_machine_is_drawn_coarser_and_with_fewer_shapes_and_the_page_says_so(run_folder: Path) -> None:
+    skins = {f"big {number}": ball(120) for number in range(3)}
+    rng, count = np.random.default_rng(2), 40
+    shifts = {name: rng.random((count, len(skin.points), 3), dtype=np.float32) for name, skin in skins.items()}
+    poses = {name: PoseView(dict.fromkeys(skins, Frame()), {}, {}, shifts) for name in ("p", "q")}
+    view = MachineView(skins, {}, poses)
+    machine = encode_machine(view, {name: [Caption(f"mode:{i}") for i in range(count)] for name in poses})
+    assert machine is not None
+    data = json.loads(machine.text)
+    shown = [len(pose["shapes"]) for pose in data["poses"]]
+    assert data["bytes"] == 1
+    assert 2 * count - machine.left_out == sum(shown) and min(shown) >= 1 and max(shown) - min(shown) <= 1
+    assert machine.left_out > 0
+    faces = [part["triangles"] for part in data["components"]]
+    assert machine.thinned == {name: (drawn, 2 * 120**2) for name, drawn in zip(skins, faces, strict=True)}
+    assert sum(faces) <= MOST_TRIANGLES
+    # a surface that was thinned out moves as the points that are left of it do
+    assert len(machine.text) < 2.9e6
+    modes = {"pose_name": "p", "frequencies_hz": [1.0] * count, "mode_names": ["m"] * count, "rigid_count": 0}
+    summary = read_summary(run_folder)
+    full = {
+        **summary["modal"][0],
+        **modes,
+        "error_hz": [None] * count,
+        "damping_ratio": [None] * count,
+        "damping_error": [None] * count,
+        "damped_hz": [None] * count,
+        "damped_error_hz": [None] * count,
+        "energy_share": [{}] * count,
+    }
+    page = render_report({**summary, "modal": [full]}, view)
+    assert "To keep this page small" in page and f"big 0 with {format_number(faces[0])} of 28\u202f800 faces" in page
+
+
+def test_a_part_that_moves_rigidly_takes_six_numbers_however_fine_it_is() -> None:
+    skin, frame = ball(100), Frame(np.array([1.0, 2.0, 3.0]))
+    motion = np.array([0.1, -0.2, 0.3, 0.05, 0.02, -0.04])
+    shift = (rigid_map(skin.points + frame.origin, np.zeros(3)) @ motion).reshape(1, -1, 3)
+    view = MachineView({"part": skin}, {}, {"p": PoseView({"part": frame}, {}, {}, {"part": shift})})
+    machine = encode_machine(view, {"p": [Caption("mode:0")]})
+    assert machine is not None
+    (rigid,) = json.loads(machine.text)["poses"][0]["shapes"][0]["rigid"]
+    np.testing.assert_allclose(rigid, motion / np.linalg.norm(shift[0], axis=1).max(), rtol=1e-6)
+
+
+def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder: Path) -> None:
+    summary, view = read_summary(run_folder), read_view(run_folder)
+    for name, pose in view.poses.items():
+        place = pose.points["tcp"].tool_place
+        matrix = np.array(summary["static_poses"][name]["tcp"]["compliance_6x6"])
+        for column, direction in enumerate("xyz"):
+            moved = {}
+            for part in ("z_slider", "x_slider"):
+                frame, skin = pose.placements[part], view.skins[part]
+                corners = skin.points @ frame.rotation.T + frame.origin
+                # rigid bodies: the motion is linear in the place
+                ansatz = np.column_stack([np.ones(len(corners)), corners])
+                fit, *_ = np.linalg.lstsq(ansatz, pose.pushes[f"tcp {direction}"][part], rcond=None)
+                moved[part] = np.array([1.0, *place]) @ fit
+            np.testing.assert_allclose(
+                moved["z_slider"] - moved["x_slider"], matrix[:3, column], atol=1e-4 * matrix[column, column]
+            )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (48.594123, "48.59"), (-1.5, "−1.500"), (12345, "12\u202f345"), (1.23456e-9, "1.23·10⁻⁹"), (2.5e12, "2.50·10¹²")],
+)
+def test_numbers_are_written_for_readers(value: float, text: str) -> None:
+    assert format_number(value) == text
+
+
+def test_the_bundle_holds_no_end_of_a_script_element_and_its_lock_file_names_no_host() -> None:
+    folder = Path(__file__).resolve().parents[3] / "app" / "report" / "viewer"
+    bundle = (folder / "viewer.bundle.js").read_text().lower()
+    assert "</script" not in bundle and "<!--" not in bundle
+    assert "resolved" not in (folder / "package-lock.json").read_text()
+    assert "three.js authors" in (folder / "LICENSES.txt").read_text()

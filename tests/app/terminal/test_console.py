@@ -1,0 +1,166 @@
+"""What the terminal shows: one rounding rule for values and their errors, and tables in which nothing is cut."""
+
+import io
+import re
+
+import pytest
+from rich.console import Console
+
+from headstock.app.terminal.console import add_row, describe_position, make_table, print_summary, print_table, shared_budget
+from headstock.app.texts.error_texts import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
+from headstock.app.texts.tables import list_tables
+from headstock.geometry.machine.machine import show_position
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown", "bound", "size"),
+    [
+        (127.6412, 0.0551, "127.64", "± 0.06", 0.06),
+        (1026.71, 1.41, "1026.7", "± 1.5", 1.5),
+        (1026.71, 2.96, "1027", "± 3", 3.0),  # 2.96 rises to 3.0, which begins with 3
+        (779.2, 0.95, "779.2", "± 1.0", 1.0),
+        (885.2, 80.0, "890", "± 80", 80.0),
+        (0.885, 8.0, "1", "± 8", 8.0),
+        (-1225.4, 16.2, "-1225", "± 17", 17.0),
+        (1.07900123, 6.0e-8, "1.0790", "± <0.0001", 1e-4),
+        (2.5, 0.0, "2.5000", "± <0.0001", 1e-4),
+        (0.62393, 0.0000761, "0.62393", "± 0.00008", 0.00008),
+        (1.2345e-12, 2.0e-14, "1.234e-12", "± 2.0e-14", 2.0e-14),
+        (0.1 + 0.2, 0.3 * 0.1, "0.30", "± 0.03", 0.03),  # roundoff is no reason to round up
+        (77.4321, None, "77.432", "± ?", None),
+        (77.4321, float("nan"), "77.432", "± ?", None),
+    ],
+)
+def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(value, error, shown, bound, size) -> None:
+    assert (show_bounded(value, error), show_bound(value, error), bound_size(value, error)) == (shown, bound, size)
+    assert size is None or size >= error * (1 - 1e-9)
+    assert size is None or bound_size(value, size) == size  # a rounded error stays as it is
+
+
+def test_damping_is_shown_in_per_cent_to_three_digits() -> None:
+    assert [show_damping(ratio) for ratio in (0.02, 0.96, 1.2345e-5, 0.0, None)] == ["2.00 %", "96.0 %", "0.00123 %", "0 %", "-"]
+
+
+def test_positions_are_shown_in_the_units_of_scenes() -> None:
+    assert [show_position(0.03, "m"), show_position(-0.0, "m"), show_position(0.5235987755982988, "rad")] == [
+        "30 mm",
+        "0 mm",
+        "30 deg",
+    ]
+
+
+WORDS = ("column_left", "column_right bend X, B rotation of base", "whole machine moves Y on air_spring_1..4")
+
+
+def print_narrow(width: int | None, *, terminal: bool = True) -> str:
+    stream = io.StringIO()
+    console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
+    table = make_table(">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in")
+    for number in range(9, 12):
+        cells = (str(number), "16.281234", "± <0.00001", "16.280000", "2.00 %")
+        add_row(table, *cells, WORDS[number % 3], "column_right 66 %, y_carriage_3 19 %, y_base 12 %")
+    print_table(console, "Natural modes", table)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("width", [30, 60, 80, 100, 200])
+def test_no_number_and_no_word_of_a_table_is_cut(width: int) -> None:
+    text = print_narrow(width)
+    assert "…" not in text
+    for number in ("16.281234", "± <0.00001", "16.280000", "2.00 %"):
+        assert len(re.findall(rf"(?<!\S){re.escape(number)}(?!\S)", text)) == 3
+    for word in " ".join(WORDS).split():
+        assert word in text.split()
+    assert ("left out" in text) == ("y_carriage_3" not in text)
+    assert ("left out" in text) == (width < 100)
+
+
+def test_nothing_is_left_out_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert "y_carriage_3" in print_narrow(40, terminal=False)
+    monkeypatch.setenv("COLUMNS", "40")
+    assert "left out at 40 columns: strain energy in" in print_narrow(40, terminal=False)
+
+
+def make_modes() -> dict:
+    return {
+        "pose_name": "left",
+        "pose": {"Y": 0.03, "B": 0.1},
+        "pose_units": {"Y": "m", "B": "rad"},
+        "frequencies_hz": [100.123456, 7.5],
+        "rigid_count": 0,
+        "error_hz": [0.123, None],
+        "error_share": [{"discretisation": 0.123}, {"reduction": None}],
+        "damping_ratio": [0.02, 1.1],
+        "damping_error": [0.00031, None],
+        "damped_hz": [100.103431, 0.0],
+        "damped_error_hz": [0.123, 0.0],
+        "mode_names": ["column bends X", "column bends Y"],
+        "energy_share": [{"column": 1.0}, {"column": 1.0}],
+    }
+
+
+def make_summary() -> dict:
+    point = {
+        "compliance_um_per_kN": [[429.4771, 0.0, 0.1], [0.0, 64.07, 0.0], [0.1, 0.0, 0.62]],
+        "compliance_6x6": [[float(6 * row + column) for column in range(6)] for row in range(6)],
+        "budget": {direction: {"column": 1.0} for direction in "xyz"},
+        "sentence": "",
+        "error_um_per_kN": {"x": 0.2661, "y": None, "z": 7e-5},
+    }
+    return {
+        "name": "beam",
+        "status": "done",
+        "components": {},
+        "stages": [],
+        "static": {"tcp": point},
+        "modal": [make_modes()],
+        "warnings": [],
+        "failures": [],
+    }
+
+
+def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(capsys: pytest.CaptureFixture[str]) -> None:
+    summary = make_summary()
+    print_summary(summary, seconds=1.0, folder="out")
+    printed = capsys.readouterr().out
+    tables = {table.name: table for table in list_tables(summary)}
+    modes = tables["modes_left"]
+    assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
+    assert modes.headings[3:7] == ("damped frequency [Hz]", "± damped [Hz]", "damping ratio", "± damping ratio")
+    assert modes.rows[0][:7] == (1, 100.123456, 0.13, 100.103431, 0.13, 0.02, 0.0004)
+    assert modes.rows[1][:7] == (2, 7.5, None, 0.0, 0.0, 1.1, None)
+    assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +± 0\.13 +2\.00 % +± 0\.04 %", printed)
+    assert re.search(r"2 +7\.5000 +± \? +overdamped +110 % +± \?", printed)
+    assert "± 0.27" in printed
+    assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
+    assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
+    assert describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
+    assert show_damped(summary["modal"][0], 1) == ("overdamped", "")
+
+
+def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symmetric() -> None:
+    matrix = [[367.92, 0.0, 0.00051], [0.0, 60.812, 0.9], [0.00051, 0.9, 0.59256]]
+    errors = {"x": 0.7, "y": 0.06, "z": 0.00015}
+    shown = [show_compliances(matrix, column, errors) for column in range(3)]
+    assert shown == [["367.9", "0", "0"], ["0", "60.81", "0.90"], ["0", "0.90", "0.59256"]]
+    assert show_compliances(matrix, 0, {}) == ["367.92", "0", "0"]
+
+
+def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
+    table = {table.name: table for table in list_tables(make_summary())}["compliance_6x6_reference_tcp"]
+    assert table.headings[1:5] == ("motion in x [m]", "motion in y [m]", "motion in z [m]", "rotation about x [rad]")
+    assert table.rows[1] == ("1 N in y", 1.0, 7.0, 13.0, 19.0, 25.0, 31.0)
+    assert table.rows[3][0] == "1 N m about x"
+
+
+def test_what_one_part_alone_gives_is_no_budget(capsys: pytest.CaptureFixture[str]) -> None:
+    summary = make_summary()
+    print_summary(summary, seconds=1.0, folder="out")
+    printed = capsys.readouterr().out
+    assert "budget" not in printed and "strain energy" not in printed
+    point = summary["static"]["tcp"]
+    assert shared_budget(point) == {}
+    point["budget"]["x"] = {"column": 0.75, "clamp": 0.25}
+    print_summary(summary, seconds=1.0, folder="out")
+    assert "budget x  column                    75.0 %" in capsys.readouterr().out

@@ -1,0 +1,156 @@
+"""Skins are closed, point outward and carry the solid's own sharp edges."""
+
+import numpy as np
+import pytest
+
+from headstock.geometry.parts.skin_decimation import decimate_skin
+from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges, split_skin
+from headstock.geometry.parts.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+
+
+def enclosed_volume(skin: Skin) -> float:
+    a, b, c = (skin.points[skin.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def edges_used_once_in_each_direction(skin: Skin) -> bool:
+    directed = np.vstack([skin.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    forward = {tuple(edge) for edge in directed.tolist()}
+    return len(forward) == len(directed) and all((b, a) in forward for a, b in forward)
+
+
+SIDES = 48
+POLYGON = SIDES / 2 * np.sin(2 * np.pi / SIDES)  # area of the polygon in the unit circle
+CASES = {
+    "box": (Box((0.1, 0.2, 0.3)), 0.1 * 0.2 * 0.3),
+    "column": (HollowColumn((0.3, 0.4, 1.0), 0.02, 0.02), 0.3 * 0.4 * 1.0),
+    "tube": (Tube(0.1, 0.06, 0.5), POLYGON * (0.05**2 - 0.03**2) * 0.5),
+    "rod": (Tube(0.1, 0.0, 0.5), POLYGON * 0.05**2 * 0.5),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_solid_skin_is_closed_and_encloses_the_outer_volume(name: str) -> None:
+    solid, volume = CASES[name]
+    skin = solid_skin(solid)
+    assert skin is not None
+    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    if name != "rod":  # its end faces are fans round a point that stands for a whole ring
+        assert edges_used_once_in_each_direction(skin)
+
+
+def test_a_box_has_twelve_sharp_edges_and_none_across_its_faces() -> None:
+    skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    lengths = np.linalg.norm(np.diff(skin.points[skin.edges], axis=1)[:, 0], axis=1)
+    assert sorted(lengths) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+
+
+def test_a_box_stands_on_its_footprint_with_z_through_the_centre() -> None:
+    skin = solid_skin(Box((0.1, 0.2, 0.3)))
+    assert skin is not None
+    np.testing.assert_allclose(skin.points.min(axis=0), [-0.05, -0.1, 0.0])
+    np.testing.assert_allclose(skin.points.max(axis=0), [0.05, 0.1, 0.3])
+
+
+def test_a_ribbed_plate_reaches_to_the_top_of_its_ribs() -> None:
+    skin = solid_skin(Plate((0.4, 0.3, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=2, ribs_y=1))
+    assert skin is not None
+    assert skin.points[:, 2].max() == pytest.approx(0.07)
+    assert len(skin.triangles) == 12 * 4
+
+
+def test_a_block_of_equal_inertia_is_the_block_itself_when_the_body_is_one() -> None:
+    size, mass = np.array([0.2, 0.3, 0.5]), 4.0
+    inertia = mass / 12.0 * np.diag(size @ size - size**2)
+    skin = inertia_skin(mass, np.array([1.0, 2.0, 3.0]), inertia)
+    np.testing.assert_allclose(np.ptp(skin.points, axis=0), size, rtol=1e-12)
+    np.testing.assert_allclose(skin.points.mean(axis=0), [1.0, 2.0, 3.0])
+    assert enclosed_volume(skin) == pytest.approx(size.prod(), rel=1e-12)
+
+
+def test_a_body_without_mass_is_drawn_as_a_speck() -> None:
+    skin = inertia_skin(0.0, np.zeros(3), np.zeros((3, 3)))
+    assert 0.0 < float(np.ptp(skin.points, axis=0).max()) < 0.01
+
+
+def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
+    skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    finer = split_skin(split_skin(skin))
+    assert len(finer.triangles) == 16 * len(skin.triangles)
+    assert enclosed_volume(finer) == pytest.approx(6.0, rel=1e-12)
+    assert edges_used_once_in_each_direction(finer)
+    recomputed = {tuple(edge) for edge in sharp_edges(finer.points, finer.triangles).tolist()}
+    assert {tuple(sorted(edge)) for edge in finer.edges.tolist()} == recomputed
+
+
+@pytest.mark.parametrize(
+    ("name", "axis", "low", "length"), [("box", 0, -0.05, 0.1), ("box", 2, 0.0, 0.3), ("tube", 2, 0.0, 0.5), ("rod", 2, 0.0, 0.5)]
+)
+def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_cut(
+    name: str, axis: int, low: float, length: float
+) -> None:
+    solid, volume = CASES[name]
+    places = low + length * np.linspace(0.0, 1.0, 6)
+    skin = prism_skin(solid, axis, places)
+    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    assert edges_used_once_in_each_direction(skin)
+    np.testing.assert_allclose(np.unique(skin.points[:, axis]), places, atol=1e-15)
+    whole = solid_skin(solid)
+    assert whole is not None
+    np.testing.assert_allclose(
+        [skin.points.min(axis=0), skin.points.max(axis=0)], [whole.points.min(axis=0), whole.points.max(axis=0)]
+    )
+
+
+def edge_counts(skin: Skin) -> tuple[IntArray, IntArray]:
+    edges = np.sort(skin.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)
+
+
+def ring(around: int, across: int) -> Skin:
+    """A torus."""
+    u, v = np.meshgrid(2 * np.pi * np.arange(around) / around, 2 * np.pi * np.arange(across) / across, indexing="ij")
+    radius = 1.0 + 0.4 * np.cos(v)
+    points = np.stack([radius * np.cos(u), radius * np.sin(u), 0.4 * np.sin(v)], axis=-1).reshape(-1, 3)
+    i, j = (index.ravel() for index in np.indices((around, across)))
+    a, b, c, d = (((i + k) % around) * across + (j + m) % across for k, m in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    triangles = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return Skin(points, triangles, sharp_edges(points, triangles), "solid")
+
+
+def test_a_ring_stays_a_ring_down_to_the_fewest_triangles_a_ring_can_have() -> None:
+    skin = ring(60, 30)
+    for largest in (900, 300, 0):
+        thin, kept = decimate_skin(skin, largest=largest)
+        edges, counts = edge_counts(thin)
+        assert (counts == 2).all() and edges_used_once_in_each_direction(thin)
+        assert len(thin.points) - len(edges) + len(thin.triangles) == 0
+        np.testing.assert_array_equal(thin.points, skin.points[kept])
+        assert thin.thinned_from == 3600
+        # where nothing more can go, the surface has more triangles than were asked for rather than a hole
+        assert len(thin.triangles) <= max(largest, 60)
+    assert enclosed_volume(decimate_skin(skin, largest=900)[0]) == pytest.approx(enclosed_volume(skin), rel=0.02)
+
+
+def test_open_edges_and_edges_of_three_or_more_triangles_stay_as_they_are() -> None:
+    box = box_skin(np.zeros(3), np.ones(3))
+    for _ in range(4):
+        box = split_skin(box)
+    # a second box along the edge at x = y = 1, and a hole in the first
+    points, numbers = np.unique(np.vstack([box.points, box.points + np.array([1.0, 1.0, 0.0])]), axis=0, return_inverse=True)
+    triangles = numbers.ravel()[np.vstack([box.triangles[5:], box.triangles + len(box.points)])]
+    skin = Skin(points, triangles, sharp_edges(points, triangles), "mesh")
+    thin, kept = decimate_skin(skin, largest=1000)
+    assert len(thin.triangles) <= 1000 < len(triangles)
+    for wanted in (1, 4):
+        before, after = (edges[counts == wanted] for edges, counts in (edge_counts(skin), edge_counts(thin)))
+        assert len(before) > 3
+        np.testing.assert_array_equal(kept[after], before)
+    assert set(edge_counts(thin)[1]) == {1, 2, 4}
+
+
+def test_a_surface_that_is_small_enough_is_left_alone() -> None:
+    skin = ring(10, 10)
+    thin, kept = decimate_skin(skin, largest=200)
+    assert thin is skin and len(kept) == 100

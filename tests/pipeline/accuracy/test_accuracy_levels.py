@@ -1,0 +1,50 @@
+"""Two rounds of a search tell how good its estimates are."""
+
+import pytest
+
+from headstock.pipeline.accuracy.accuracy_levels import LEAST_FACTOR, weigh_estimates
+from headstock.pipeline.accuracy.quantities import MESH_SAFETY, Quantity, count_safely
+from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
+
+COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)
+
+
+def number(value: float, column: float, base: float = 0.0) -> Quantity:
+    return Quantity("f1", "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001})
+
+
+def rounds(effectivity: float, *, rate: float = 2.0, step: float = 0.6) -> tuple[float, float]:
+    """Counted and true error of the finer of two rounds whose estimates are so many times the true errors."""
+    true = [0.05, 0.05 * step**rate]
+    before, after = (number(100.0 * (1.0 + error), effectivity * error) for error in true)
+    factors = weigh_estimates([before], [after], {"column": step}, {})
+    return count_safely([after], factors)[0].parts[COLUMN], true[1]
+
+
+@pytest.mark.parametrize("effectivity", [0.6, 1.0, 2.0])
+@pytest.mark.parametrize("rate", [1.5, 2.2, 4.0])
+def test_what_is_counted_covers_the_true_error_without_waste(effectivity: float, rate: float) -> None:
+    counted, true = rounds(effectivity, rate=rate)
+    assert counted >= true
+    assert counted <= MESH_SAFETY * effectivity * true
+
+
+def test_estimates_that_are_too_large_count_less_and_never_nothing() -> None:
+    counted, true = rounds(2.0, rate=2.2)
+    assert counted < MESH_SAFETY * 2.0 * true
+    same = number(100.0, 0.04)
+    factors = weigh_estimates([same], [same], {"column": 0.6}, {})
+    assert factors["f1", COLUMN] == LEAST_FACTOR
+
+
+def test_parts_that_were_not_refined_keep_their_factor() -> None:
+    before, after = number(100.0, 0.04, 0.02), number(99.0, 0.02, 0.02)
+    known = {("f1", BASE): 0.9}
+    factors = weigh_estimates([before], [after], {"column": 0.7}, known)
+    assert factors["f1", BASE] == 0.9
+    counted = count_safely([after], factors)[0].parts
+    assert counted[BASE] == pytest.approx(0.9 * 0.02, abs=0.0)
+    assert counted["column", REDUCTION] == pytest.approx(0.001, abs=0.0)
+    # a number that was not there before is counted as everywhere
+    fresh = weigh_estimates([], [after], {"column": 0.7}, {})
+    assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(MESH_SAFETY * 0.02, abs=0.0)

@@ -1,0 +1,132 @@
+"""Mode files can be read back: ``.vtu`` by meshio, ``.glb`` by the rules of glTF 2.0."""
+
+import dataclasses
+import json
+import struct
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import pyvista
+
+from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.parts.solid_skins import box_skin
+from headstock.pipeline.results.views import MachineView, PoseView
+from headstock.pipeline.results.mode_files import SHOWN_SHARE, encode_glb, encode_vtu, file_stem, machine_size, write_mode_files
+from headstock.pipeline.storage.outputs import replace_outputs
+
+NAMES = ("base", 'slider "<&> 2"')
+MODES = {"pose_name": "a/b", "frequencies_hz": [0.0, 87.25], "mode_names": ["free", "slider moves"], "rigid_count": 1}
+
+
+def make_view() -> MachineView:
+    skins = {name: box_skin(np.zeros(3), np.full(3, 0.1 * (i + 1))) for i, name in enumerate(NAMES)}
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.pi / 2)
+    placements = {NAMES[0]: Frame(), NAMES[1]: Frame(np.array([1.0, 2.0, 3.0]), turn)}
+    rng = np.random.default_rng(1)
+    shifts = {name: rng.normal(size=(2, 8, 3)).astype(np.float32) for name in NAMES}
+    pushes = {name: rng.normal(size=(8, 3)).astype(np.float32) for name in NAMES}
+    return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts, {"tcp x": pushes})})
+
+
+def read_glb(content: bytes) -> tuple[dict, bytes]:
+    magic, version, length = struct.unpack_from("<4sII", content)
+    assert (magic, version, length) == (b"glTF", 2, len(content))
+    size, kind = struct.unpack_from("<I4s", content, 12)
+    assert kind == b"JSON" and size % 4 == 0
+    start = 20 + size
+    binary, tag = struct.unpack_from("<I4s", content, start)
+    assert tag == b"BIN\0" and start + 8 + binary == len(content)
+    return json.loads(content[20 : 20 + size]), content[start + 8 :]
+
+
+def accessor(gltf: dict, binary: bytes, number: int) -> np.ndarray:
+    about = gltf["accessors"][number]
+    view = gltf["bufferViews"][about["bufferView"]]
+    width = {"SCALAR": 1, "VEC3": 3}[about["type"]]
+    kind = {5126: "<f4", 5125: "<u4"}[about["componentType"]]
+    assert view["byteOffset"] % 4 == 0
+    assert view["byteLength"] == 4 * width * about["count"]
+    assert view["byteOffset"] + view["byteLength"] <= gltf["buffers"][0]["byteLength"]
+    return np.frombuffer(binary, kind, width * about["count"], view["byteOffset"]).reshape(-1, width)
+
+
+def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
+    view = make_view()
+    path = tmp_path / "a.vtu"
+    path.write_bytes(encode_vtu(view, view.poses["a/b"], MODES))
+    mesh = meshio.read(path)
+    assert len(mesh.points) == 16
+    np.testing.assert_allclose(mesh.points[8:].min(axis=0), [0.8, 2.0, 3.0], atol=1e-12)
+    (cells,) = mesh.cells
+    assert cells.type == "triangle" and len(cells.data) == 24 and cells.data.max() == 15
+    np.testing.assert_array_equal(mesh.point_data["component"], [0] * 8 + [1] * 8)
+    assert list(mesh.point_data) == ["component", "mode_01", "mode_02", "static_tcp_x"]
+    np.testing.assert_array_equal(mesh.point_data["static_tcp_x"], np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]))
+    found = mesh.point_data["mode_02"]
+    np.testing.assert_array_equal(found, np.vstack([view.poses["a/b"].shifts[name][1] for name in NAMES]))
+
+
+def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(tmp_path: Path) -> None:
+    view = make_view()
+    for frequencies in ([0.0, 87.25], [0.0, 91.5]):
+        path = tmp_path / "a.vtu"
+        path.write_bytes(
+            encode_vtu(view, view.poses["a/b"], MODES | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]})
+        )
+        grid = pyvista.read(path)
+        np.testing.assert_array_equal(grid.field_data["frequencies_hz"], frequencies)
+        np.testing.assert_array_equal(grid.field_data["damping_ratio"], [np.nan, 0.02])
+        assert grid.point_data.keys() == ["component", "mode_01", "mode_02", "static_tcp_x"]
+
+
+def test_static_shapes_are_written_without_modes(tmp_path: Path) -> None:
+    view = make_view()
+    pose = dataclasses.replace(view.poses["a/b"], shifts={})
+    assert write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(view, poses={"a/b": pose})) == []
+    written = list((tmp_path / "modes").iterdir())
+    assert [path.name for path in written] == ["a_b.vtu"]
+    assert list(meshio.read(written[0]).point_data) == ["component", "static_tcp_x"]
+
+
+def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> None:
+    view = make_view()
+    pose = view.poses["a/b"]
+    gltf, binary = read_glb(encode_glb(view, pose, MODES, 1))
+    assert [mesh["name"] for mesh in gltf["meshes"]] == list(NAMES)
+    assert gltf["scenes"][0]["name"] == "87.250 Hz: slider moves"
+    largest = 0.0
+    for name, mesh in zip(NAMES, gltf["meshes"], strict=True):
+        (primitive,) = mesh["primitives"]
+        place = accessor(gltf, binary, primitive["attributes"]["POSITION"])
+        move = accessor(gltf, binary, primitive["targets"][0]["POSITION"])
+        frame = pose.placements[name]
+        np.testing.assert_allclose(place, view.skins[name].points @ frame.rotation.T + frame.origin, atol=1e-6)
+        np.testing.assert_array_equal(accessor(gltf, binary, primitive["indices"]).ravel(), view.skins[name].triangles.ravel())
+        bounds = gltf["accessors"][primitive["attributes"]["POSITION"]]
+        np.testing.assert_allclose([bounds["min"], bounds["max"]], [place.min(axis=0), place.max(axis=0)])
+        largest = max(largest, float(np.linalg.norm(move, axis=1).max()))
+    assert largest == pytest.approx(SHOWN_SHARE * machine_size(view, pose), rel=1e-6)
+    (animation,) = gltf["animations"]
+    weights = accessor(gltf, binary, animation["samplers"][0]["output"]).ravel()
+    assert weights[[0, 6, 12, 18, 24]] == pytest.approx([0, 1, 0, -1, 0], abs=1e-6)
+    assert {channel["target"]["node"] for channel in animation["channels"]} == {0, 1}
+
+
+def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(tmp_path: Path) -> None:
+    (tmp_path / "modes").mkdir()
+    replace_outputs(tmp_path, "modes", {"old_01.glb": b"old"})
+    assert write_mode_files(tmp_path, {"modal": [MODES]}, make_view()) == []
+    assert sorted(path.name for path in (tmp_path / "modes").iterdir()) == ["a_b.vtu", "a_b_01.glb", "a_b_02.glb"]
+
+
+def test_a_run_without_modes_leaves_no_folder(tmp_path: Path) -> None:
+    assert write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(make_view(), poses={})) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["../../etc", "a b", "", "<script>", "x" * 300, "ü"])
+def test_no_name_from_a_scene_leaves_the_folder(name: str) -> None:
+    stem = file_stem(name)
+    assert stem and len(stem) <= 80 and set(stem) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")

@@ -1,0 +1,69 @@
+"""How strongly a surface is strained, told from its displacement alone, is what elasticity says of the material below it."""
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.skins import split_skin
+from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.components.skins import mesh_skin
+from headstock.pipeline.results.views import skin_recovery, surface_energy_density
+from headstock.reduction.components.elastic import ReductionRequest, reduce_elastic
+
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+
+
+def strained(gradient: FloatArray) -> FloatArray:
+    skin = split_skin(box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0])))
+    return surface_energy_density(skin.points, skin.triangles, skin.points @ gradient.T, STEEL)
+
+
+def test_a_pulled_bar_holds_stress_squared_over_twice_the_modulus_on_its_free_faces() -> None:
+    stress = 5e6
+    strain = np.diag([-STEEL.poisson_ratio, -STEEL.poisson_ratio, 1.0]) * stress / STEEL.youngs_modulus
+    density = strained(strain)
+    skin = split_skin(box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0])))
+    free = (skin.points[:, 2] > 0.1) & (skin.points[:, 2] < 2.9)
+    assert free.sum() > 5
+    np.testing.assert_allclose(density[free], stress**2 / (2.0 * STEEL.youngs_modulus), rtol=1e-12)
+
+
+def test_a_small_turn_strains_nothing() -> None:
+    turn = np.array([[0.0, -3.0, 2.0], [3.0, 0.0, -1.0], [-2.0, 1.0, 0.0]])
+    assert strained(turn).max() < 1e-20 * STEEL.youngs_modulus
+
+
+def test_single_precision_and_triangles_without_area_do_no_harm() -> None:
+    skin = box_skin(np.zeros(3), np.ones(3))
+    triangles = np.vstack([skin.triangles, [[0, 0, 1], [2, 2, 2]]])
+    shift = (skin.points * 1e-6).astype(np.float32)
+    density = surface_energy_density(skin.points, triangles, shift, STEEL)
+    np.testing.assert_allclose(density, 1e-12 * STEEL.youngs_modulus / (1.0 - STEEL.poisson_ratio), rtol=1e-5)
+
+
+def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
+    width, length, force = 0.04, 0.6, 1000.0
+    component = Component(
+        "bar",
+        Box((width, width, length)),
+        STEEL,
+        interfaces={"tip": Interface("tip", (Patch("z+"),))},
+        mesh=MeshSettings(size=0.01),
+    )
+    supports = (Support("foot", "bar", (Patch("z-"),), ("x", "y", "z")),)
+    mesh = mesh_component(component, supports, ())
+    bar = reduce_elastic(component, mesh, supports, comm=MPI.COMM_SELF, request=ReductionRequest())
+    skin = mesh_skin(mesh)
+    loads = np.zeros(len(bar.labels))
+    loads[[label[-1] for label in bar.labels].index("x")] = force
+    shift = (skin_recovery(bar, skin) @ np.linalg.solve(bar.stiffness, loads)).reshape(-1, 3)
+    density = surface_energy_density(skin.points, skin.triangles, shift, STEEL)
+    x, y, z = skin.points.T
+    inside = (np.abs(x) > 0.499 * width) & (np.abs(y) < 0.3 * width) & (np.abs(z - 0.5 * length) < 0.3 * length)
+    assert inside.sum() > 50
+    stress = force * (length - z) * 0.5 * width / (width**4 / 12.0)
+    np.testing.assert_allclose(density[inside], (stress**2 / (2.0 * STEEL.youngs_modulus))[inside], rtol=0.03)

@@ -1,0 +1,290 @@
+"""Drives of a scene: held motors leave everything as it was, free ones give clean travel, poles and failures with names."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.app.report.report import render_report
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.drives import place_drives, release_motors
+from headstock.scene.building.loader import load_scene
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.stability import find_loop_poles
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.general_poles import find_poles
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.milling.forces import cutting_forces
+
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bed]
+solid = { box = ["1 m", "0.5 m", "0.3 m"] }
+material = "steel"
+fidelity = "rigid"
+[components.bed.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[components.slider]
+solid = { box = ["200 mm", "200 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+at = ["0 mm", "0 mm", "300 mm"]
+[components.slider.interfaces]
+foot = { face = "z-" }
+top = { face = "z+" }
+[joints.feet]
+between = ["bed.bottom", "ground"]
+kind = "rigid"
+[joints.guide]
+between = ["slider.foot", "bed.top"]
+kind = "linear_guide"
+axis = "x"
+stiffness = { lateral = "200 N/um", normal = "300 N/um", roll = "1e6 N m/rad", pitch = "1e6 N m/rad", yaw = "1e6 N m/rad" }
+[joints.screw]
+between = ["slider.foot", "bed.top"]
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "50 N/um" }
+[axes.X]
+joints = ["guide", "screw"]
+limits = ["-100 mm", "100 mm"]
+[points]
+tcp = { tool = "slider.top", work = "ground" }
+[drives.X]
+inertia = "2e-4 kg m^2"
+lead = "10 mm"
+screw_inertia = "1e-4 kg m^2"
+coupling = "5e3 N m/rad"
+kv = "50 1/s"
+velocity_gain = "2e4 N s/m"
+integral_time = "20 ms"
+[effects]
+drive_control = true
+damping = { modal = 0.01 }
+[analyses.control]
+"""
+LATE = ('integral_time = "20 ms"', 'integral_time = "20 ms"\nsampling = "250 us"')
+FAST = ("50 1/s", "5000 1/s")
+PITCH = 0.01 / (2.0 * math.pi)
+
+
+def write_scene(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = SCENE
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def couple_scene(path: Path):
+    scene = load_scene(path)
+    parts = {name: reduce_rigid(part, describe_component(part)) for name, part in scene.machine.components.items()}
+    return scene, couple(parts, scene.machine, next(iter(scene.poses.values())))
+
+
+def summary_of(path: Path, tmp_path: Path):
+    return summarise(run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")))
+
+
+def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> None:
+    scene, coupled = couple_scene(write_scene(tmp_path, ('coupling = "5e3 N m/rad"\n', "")))
+    released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
+    modes = solve_modal(released.system)
+    assert modes.rigid_count == 1
+    assert modes.frequencies_hz[0] < 1e-6 * modes.frequencies_hz[1]
+    shape = modes.shapes[:, 0]
+    travel = released.system.outputs["tcp", "x"] @ shape
+    assert released.system.outputs["X", "motor"] @ shape == pytest.approx(travel, rel=1e-9)
+    mass = 0.2 * 0.2 * 0.1 * 7850.0 + 2e-4 / PITCH**2
+    assert travel**2 == pytest.approx(1.0 / mass, rel=1e-9)
+
+
+def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_the_joint_is_written(tmp_path: Path) -> None:
+    for between in ('["slider.foot", "bed.top"]\nkind = "ball', '["bed.top", "slider.foot"]\nkind = "ball'):
+        for axis in ("x", "-x"):
+            text = (('["slider.foot", "bed.top"]\nkind = "ball_screw"\naxis = "x"', f'{between}_screw"\naxis = "{axis}"'),)
+            path = write_scene(tmp_path, *text, ('limits = ["-100', 'direction = "x"\nlimits = ["-100'))
+            scene, coupled = couple_scene(path)
+            released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
+            travel = solve_modal(released.system).shapes[:, 0]
+            moved = [released.system.outputs[port] @ travel for port in (("tcp", "x"), ("X", "motor"), ("X", "scale"))]
+            np.testing.assert_allclose(moved, moved[0], rtol=1e-9)
+
+
+def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
+    held = 'stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "1e5 N m/rad", ry = "rigid", rz = "rigid" }'
+    scene, coupled = couple_scene(write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{held}')))
+    released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
+    mass, motor = released.system.mass, released.system.outputs["X", "motor"]
+    tilt = released.system.outputs["bed.bottom", "rx"]
+    turn = tilt / (tilt @ tilt)
+    # the bed is the second end of the joint: rotor inertia over the lead couples travel and tilt
+    assert abs(motor @ mass @ turn) == pytest.approx(2e-4 / PITCH, rel=1e-9)
+
+
+def test_screw_inertia_counts_only_with_its_effect(tmp_path: Path) -> None:
+    plain = load_scene(write_scene(tmp_path)).drives["X"]
+    heavy = load_scene(write_scene(tmp_path, ("drive_control = true", "drive_control = true\nscrew_inertia = true"))).drives["X"]
+    assert (plain.screw_inertia, heavy.screw_inertia) == (0.0, 1e-4)
+
+
+def test_without_the_effect_nothing_of_drives_is_planned_or_run(tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, ("drive_control = true\n", ""), ("[analyses.control]", "[analyses.modal]")))
+    assert scene.drives == {}
+    assert "control" not in [stage.kind for stage in plan_scene(scene).stages]
+
+
+def test_a_torque_gain_is_a_force_gain_over_the_square_of_the_lead(tmp_path: Path) -> None:
+    turned = f"{2e4 * PITCH**2!r} N m s/rad"
+    scene = load_scene(write_scene(tmp_path, ("2e4 N s/m", turned)))
+    assert scene.drives["X"].control.velocity_gain == pytest.approx(2e4, rel=1e-12)
+
+
+def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
+    summary = summary_of(write_scene(tmp_path), tmp_path)
+    assert summary["status"] == "done"
+    control = summary["control"]["reference"]
+    assert control["stable"]
+    assert all(pole["real"] < 0.0 for pole in control["poles"])
+    drive = control["drives"]["X"]
+    assert drive["velocity_lag_um"] == pytest.approx(0.05 / 50.0 * 1e6, rel=1e-9)
+    assert drive["margins"]["bandwidth_hz"] > 1.0
+
+
+def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solver(tmp_path: Path) -> None:
+    changes = (
+        ('integral_time = "20 ms"', 'encoder = "scale"\nscale = "tcp"'),
+        ("drive_control = true", "drive_control = true\nscrew_inertia = true"),
+    )
+    scene, coupled = couple_scene(write_scene(tmp_path, *changes))
+    trains = place_drives(coupled, scene.machine, scene.drives.values())
+    free = add_modal_damping(release_motors(coupled, trains).system, [0.01])
+    motor, scale = free.outputs["X", "motor"], free.outputs["X", "scale"]
+    kv, kp = trains[0].control.position_gain, trains[0].control.velocity_gain
+    # a P-P cascade is a damper at the motor, and a force on it that follows the scale
+    whole = dataclasses.replace(
+        free, damping=free.damping + kp * np.outer(motor, motor), stiffness=free.stiffness + kp * kv * np.outer(motor, scale)
+    )
+    theirs = find_poles(whole)
+    ours = find_loop_poles(close_loops(free, trains)).poles
+    assert len(ours) >= 5
+    for pole in ours:
+        assert np.abs(theirs - pole).min() < 1e-7 * abs(pole)
+
+
+def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
+    summary = summary_of(write_scene(tmp_path), tmp_path)
+    page = render_report(summary)
+    poles = summary["control"]["reference"]["poles"]
+    assert page.count("<circle") >= len(poles)
+    assert 'download="poles_reference.csv"' in page
+    assert "Phase margin" in page
+
+
+def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, ("[analyses.control]", "[analyses.control]\n[analyses.modal]\ncount = 3"), LATE, FAST)
+    summary = summary_of(path, tmp_path)
+    assert summary["status"] == "failed"
+    assert len(summary["modal"]) == 1
+    (failure,) = summary["failures"]
+    assert failure.startswith("control in pose reference: the control of axis X is unstable: a motion at")
+    assert "largest stable kv found is" in failure
+    assert summary["control"]["reference"]["drives"]["X"]["margins"] is None
+
+
+def test_a_gain_just_below_the_largest_that_was_named_is_stable(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, LATE, FAST)
+    largest = float(summary_of(path, tmp_path)["failures"][0].split("largest stable kv found is ")[1].split(" 1/s")[0])
+    below = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{0.999 * largest!r} 1/s")), tmp_path)
+    above = summary_of(write_scene(tmp_path, LATE, ("50 1/s", f"{1.002 * largest!r} 1/s")), tmp_path)
+    assert (below["status"], above["status"]) == ("done", "failed")
+
+
+PATH = """
+[analyses.path]
+from = { X = "-10 mm" }
+to = { X = "10 mm" }
+feeds = ["600 mm/min", "3000 mm/min"]
+time_constant = "50 ms"
+ring_down = "100 ms"
+"""
+
+
+def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, ("[analyses.control]", PATH))
+    found = run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    assert found.path is not None
+    assert found.path.drives == ("X",)
+    curves = [run.curves for run in found.path.runs]
+    along = [port for port in curves[0].outputs if port[1] == "x"]
+    column = curves[0].outputs.index(along[0])
+    slow, fast = (float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves)
+    assert slow == pytest.approx(0.01 / 50.0, rel=1e-2)
+    assert fast == pytest.approx(5.0 * slow, rel=1e-2)
+
+
+def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
+    path = write_scene(
+        tmp_path,
+        ("[analyses.control]", PATH.replace('"600 mm/min", ', "")),
+        ("drive_control = true", "drive_control = true\nfriction = true"),
+        ('integral_time = "20 ms"', 'integral_time = "20 ms"\nfriction = { coulomb = "20 N", breakaway = "30 N" }'),
+    )
+    summary = summary_of(path, tmp_path)
+    assert summary["path"]["energy_error"]["3000 mm/min"] < 1e-6
+
+
+def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None:
+    summary = summary_of(write_scene(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
+    assert summary["failures"][0].startswith("path analysis: the control of axis X is unstable")
+    assert "path" not in summary
+
+
+CUT = """
+[analyses.path.cut]
+mill = { diameter = "10 mm", teeth = 2, helix = "30 deg" }
+spindle = "6000 rpm"
+axial_depth = "1 mm"
+radial_depth = "2 mm"
+material = "al7075-t6-dry"
+"""
+
+
+def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_compliance_with_held_motors(tmp_path: Path) -> None:
+    text = PATH.replace('"600 mm/min", ', "") + CUT + '[analyses.static]\nat = "tcp"\n'
+    on = ("drive_control = true", "drive_control = true\ncutting_force = true")
+    path = write_scene(tmp_path, ("[analyses.control]", text), on)
+    scene = load_scene(path)
+    found = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    curves = found.path.runs[0].curves
+    # whole turns of the spindle at constant feed: 10 ms each
+    times = curves.deviation.times
+    steady = (times >= 0.25) & (times < 0.35)
+    mean = curves.deviation.total[steady].mean(axis=0)
+    fine = 0.25 + 1e-6 * np.arange(100_000)
+    force = cutting_forces(scene.analyses.path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
+    # along x, away from the part (to the left, y), up
+    expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
+    assert mean[1] == pytest.approx(expected[1], rel=1e-2)
+    assert mean[2] == pytest.approx(expected[2], rel=1e-2)
+    assert mean[0] == pytest.approx(-0.05 / 50.0, rel=1e-3)
+
+
+def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
+    assert scene.analyses.path.cut is None

@@ -1,0 +1,211 @@
+"""What a run says of its errors: interfaces whose kind matters, numbers that are no more than guesses."""
+
+import functools
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.result_warnings import find_warnings
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+SCENE = """
+name = "two halves"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.lower]
+solid = { box = ["40 mm", "60 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "20 mm", cells = "hex" }
+interfaces = { foot = { face = "z-", coupling = "average" }, top = { face = "z+" } }
+[components.upper]
+solid = { box = ["40 mm", "60 mm", "200 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "200 mm"]
+mesh = { size = "20 mm", cells = "hex" }
+interfaces = { foot = { face = "z-" }, top = { face = "z+", coupling = "average" } }
+[joints.clamp]
+between = ["ground", "lower.foot"]
+kind = "rigid"
+[joints.glue]
+between = ["lower.top", "upper.foot"]
+kind = "rigid"
+[analyses.modal]
+count = 6
+spread = true
+"""
+
+
+def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    store = Store(tmp_path / "store")
+    results = run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / "out", comm=MPI.COMM_SELF, store=store)
+    modes = results.modal[0]
+    words = next(words for words in modes.errors[-1].left_out if "interfaces" in words)
+    assert "lower.top" in words
+    assert "upper.foot" in words
+    assert "upper.top" not in words  # a free end passes no force on
+    named = float(words.split("about ")[1].split(" Hz")[0])
+    widest = max(high - low for low, high in modes.spread_hz)
+    assert widest / 3.0 < named < 3.0 * widest
+
+
+def beam(parts, x, y, length, size):
+    """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in mm."""
+    words = [SCENE[: SCENE.index("[components.lower]")]]
+    for i in range(parts):
+        top = "rigid" if i + 1 < parts else "average"
+        below = f"p{i - 1}.top" if i else "ground"
+        words.append(f"""
+[components.p{i}]
+solid = {{ box = ["{x} mm", "{y} mm", "{length / parts} mm"] }}
+material = "steel"
+at = ["0 mm", "0 mm", "{i * length / parts} mm"]
+mesh = {{ size = "{size} mm", cells = "hex" }}
+interfaces = {{ foot = {{ face = "z-" }}, top = {{ face = "z+", coupling = "{top}" }} }}
+[joints.j{i}]
+between = ["{below}", "p{i}.foot"]
+kind = "rigid"
+""")
+    return "".join(words) + "[analyses.modal]\ncount = 8\n"
+
+
+# a flat bar is held stiff in torsion above all: its ends cannot warp
+@pytest.mark.parametrize("sizes", [(40, 60, 1000, 20), (15, 90, 750, 15)])
+def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(tmp_path, sizes):
+    modes = []
+    for parts in (1, 5):
+        scene = tmp_path / f"{parts}.toml"
+        scene.write_text(beam(parts, *sizes))
+        results = run_scene(load_scene(scene), tmp_path / str(parts), comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+        modes.append(results.modal[0])
+    one, five = modes
+    stiffer = five.frequencies_hz - one.frequencies_hz
+    assert (stiffer > 0.004 * one.frequencies_hz).all()
+    words = next(words for words in five.errors[-1].left_out if "interfaces" in words)
+    assert "p1.top" in words
+    assert "p2.foot" in words
+    named = float(words.split("about ")[1].split(" Hz")[0])
+    assert stiffer.max() / 3.0 < named < 3.0 * stiffer.max()
+
+
+def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy():
+    def guess(source, size):
+        return Estimate({source: size}, (), {source: {"column": size, "base": 0.1 * size}})
+
+    point = SimpleNamespace(
+        compliance=np.diag([1.0, 0.885, 1.0]), errors={"x": guess(DISCRETISATION, 0.1), "y": guess(DISCRETISATION, 8.0)}
+    )
+    modes = SimpleNamespace(frequencies_hz=np.array([0.0, 50.0]), rigid_count=1, errors=(Estimate(), guess(REDUCTION, 30.0)))
+    frf = SimpleNamespace(frf=None)
+    state = SimpleNamespace(scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static={"reference": {"tcp": point}})
+    found = find_warnings(state)
+    assert len(found) == 2
+    assert "component 'column': frequency 2 (50 Hz)" in found[0]
+    assert "reduction.modes_to" in found[0]
+    assert "the y compliance at tcp" in found[1]
+    assert "9 times its value" in found[1]
+    assert "smaller mesh size" in found[1]
+
+
+ROD = """
+name = "rod on a dashpot"
+effects = ["damping"]
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.rod]
+solid = { box = ["1000 mm", "50 mm", "50 mm"] }
+material = "steel"
+mesh = { size = "25 mm", cells = "hex" }
+interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
+reduction = { modes_to = "MODES kHz" }
+[joints.clamp]
+between = ["rod.root", "ground"]
+kind = "rigid"
+[joints.dashpot]
+between = ["rod.tip", "ground"]
+kind = "spring"
+stiffness = { x = "1 N/m" }
+damping = { x = "DASHPOT N s/m", y = "100 N s/m", z = "100 N s/m" }
+[analyses.modal]
+up_to = "6.6 kHz"
+"""
+SPEED = np.sqrt(210e9 / 7850.0)
+IMPEDANCE = 0.0025 * np.sqrt(210e9 * 7850.0)
+
+
+@pytest.fixture(scope="module")
+def rods(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], Results]:
+    folder = tmp_path_factory.mktemp("rod")
+
+    @functools.cache
+    def run(modes: str, share: float) -> Results:
+        (folder / "scene.toml").write_text(ROD.replace("MODES", modes).replace("DASHPOT", repr(float(share * IMPEDANCE))))
+        return run_scene(load_scene(folder / "scene.toml"), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+    return run
+
+
+def damping_warnings(results: Results) -> list[str]:
+    return [words for words in results.warnings if "damp" in words]
+
+
+@pytest.mark.parametrize("modes", ["15", "30"])
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.8, 1.25, 20.0])
+def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(rods, modes, share):
+    # coth(s L / c) = -share: every standing wave loses as much per round trip
+    found = rods(modes, share)
+    decay = -0.5 * np.log(abs((1.0 + share) / (1.0 - share)))
+    orders = np.arange(8) + (0.5 if share < 1.0 else 0.0)
+    poles = (decay + 1j * np.pi * orders) * SPEED
+    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    judged = 0
+    for mode in stretching:
+        one = found.modal[0]
+        hz, ratio, hz_error, ratio_error = (
+            values[mode] for values in (one.damped_hz, one.damping_ratio, one.damped_error_hz, one.damping_error)
+        )
+        if hz and hz_error is not None:
+            nearest = poles[np.argmin(np.abs(poles.imag / (2.0 * np.pi) - hz))]
+            assert abs(nearest.imag / (2.0 * np.pi) - hz) <= hz_error < 0.02 * hz
+            assert abs(-nearest.real / abs(nearest) - ratio) <= ratio_error < 0.1 * ratio
+            judged += 1
+    assert judged == len(stretching) - (share > 1.0)
+    assert len(damping_warnings(found)) == (share > 1.0)
+
+
+@pytest.mark.parametrize("modes", ["15", "30"])
+def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(rods, modes):
+    found = rods(modes, 1.0)
+    stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
+    assert stretching
+    assert all(found.modal[0].damping_error[mode] is None for mode in stretching)
+    assert all(found.modal[0].damped_error_hz[mode] is None for mode in stretching)
+    (words,) = damping_warnings(found)
+    assert "by joint dashpot" in words
+    assert all(f"{mode + 1} (rod stretches X)" in words for mode in stretching)
+
+
+def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods):
+    found = rods("30", 0.01)
+    bending = [mode for mode, name in enumerate(found.modal[0].mode_names) if "bends" in name]
+    assert np.ptp(found.modal[0].frequencies_hz[bending[:2]]) < 1e-6  # of a square section
+    for mode in bending:
+        assert 0.0 < found.modal[0].damping_error[mode] < 0.1 * found.modal[0].damping_ratio[mode]
+        assert found.modal[0].damped_error_hz[mode] >= 0.999 * found.modal[0].error_hz[mode]
+    assert not damping_warnings(found)
+
+
+def test_an_overdamped_mode_is_named_with_its_damper(rods):
+    (words,) = damping_warnings(rods("30", 20.0))
+    assert "is overdamped by joint dashpot" in words

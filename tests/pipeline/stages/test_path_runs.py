@@ -1,0 +1,178 @@
+"""Path analyses as stages: run only when asked, what is planned, and what the files hold."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.files import read_paths
+from headstock.pipeline.results.path import PathResult
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, keep_analyses, list_analyses
+
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bed]
+solid = { box = ["1 m", "0.5 m", "0.3 m"] }
+material = "steel"
+fidelity = "rigid"
+[components.bed.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[components.slider]
+solid = { box = ["200 mm", "200 mm", "300 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "300 mm"]
+fidelity = "rigid"
+[components.slider.interfaces]
+foot = { face = "z-" }
+nose = { face = "z+" }
+[joints.feet]
+between = ["bed.bottom", "ground"]
+kind = "bolted"
+stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }
+[joints.guide]
+between = ["slider.foot", "bed.top"]
+kind = "linear_guide"
+axis = "x"
+stiffness = { lateral = "200 N/um", normal = "300 N/um", roll = "1e6 N m/rad", pitch = "1e6 N m/rad", yaw = "1e6 N m/rad" }
+[joints.screw]
+between = ["slider.foot", "bed.top"]
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "100 N/um" }
+[axes.X]
+joints = ["guide", "screw"]
+direction = "x"
+limits = ["-100 mm", "100 mm"]
+[points]
+tcp = { tool = "slider.nose", work = "bed.top" }
+[effects]
+damping = { modal = "2 %" }
+[analyses.modal]
+[analyses.path]
+from = { X = "-40 mm" }
+to = { X = "40 mm" }
+feeds = ["600 mm/min", "3000 mm/min"]
+time_constant = "100 ms"
+lowpass = "300 Hz"
+on_request = true
+"""
+
+
+def load(folder: Path, text: str = SCENE) -> Scene:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return load_scene(path)
+
+
+def run(folder: Path, scene: Scene) -> Results:
+    return run_scene(scene, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def run_path(folder: Path, text: str = SCENE) -> PathResult:
+    found = run(folder, keep_analyses(load(folder, text), ["path"])).path
+    assert found is not None
+    return found
+
+
+def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> None:
+    scene = load(tmp_path)
+    assert scene.analyses.path is None
+    assert list(list_analyses(scene)) == ["modal", "path"]
+    assert [stage.kind for stage in plan_scene(scene).stages] == ["rigid", "rigid", "couple", "modal", "write"]
+    asked = keep_analyses(scene, ["path"])
+    assert [stage.kind for stage in plan_scene(asked).stages] == ["rigid", "rigid", "couple", "path", "write"]
+    ordinary = load(tmp_path, SCENE.replace("on_request = true\n", ""))
+    assert ordinary.analyses.path is not None
+
+
+def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path) -> None:
+    found = run_path(tmp_path)
+    summary = json.loads((tmp_path / "results" / "summary.json").read_text())["path"]
+    assert [run["name"] for run in summary["feeds"]] == ["600 mm/min", "3000 mm/min"]
+    assert summary["feeds"][1]["acceleration"] == pytest.approx(0.5, rel=1e-12)
+    assert [output["port"] for output in summary["feeds"][0]["outputs"]] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"]]
+    zone = found.runs[1].figures[0][0]
+    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == pytest.approx(1e6 * zone.peak, rel=1e-12)
+    curves = {run.feed: run for run in read_paths(tmp_path / "results")}
+    assert sorted(curves) == [pytest.approx(0.01), pytest.approx(0.05)]
+    for run_found in found.runs:
+        read = curves[run_found.curves.feed]
+        np.testing.assert_array_equal(read.deviation.total, run_found.curves.deviation.total)
+        assert read.zones == run_found.curves.zones
+        assert read.outputs == run_found.curves.outputs
+
+
+def test_the_quasi_static_part_is_inertia_over_stiffness(tmp_path: Path) -> None:
+    """Along x the slider hangs on its screw; by symmetry nothing moves along y."""
+    text = SCENE.replace('stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }', "").replace(
+        'kind = "bolted"', 'kind = "rigid"'
+    )
+    x, y, _ = (zones[0] for zones in run_path(tmp_path, text).runs[1].figures)
+    mass = 0.2 * 0.2 * 0.3 * 7850.0
+    # the point lies 300 mm above the guide, whose pitch stiffness takes the moment of the mass 150 mm above it
+    expected = -0.5 * mass * (1.0 / 100e6 + 0.15 * 0.3 / 1e6)
+    assert x.quasi_static == pytest.approx(expected, rel=1e-9)
+    assert abs(y.peak) < 1e-9 * abs(x.peak)
+
+
+def test_an_undamped_path_is_warned_of(tmp_path: Path) -> None:
+    text = SCENE.replace('[effects]\ndamping = { modal = "2 %" }\n', "")
+    results = run(tmp_path, keep_analyses(load(tmp_path, text), ["path"]))
+    assert any("nothing is damped" in warning for warning in results.warnings)
+    assert results.path is not None
+    assert not results.path.damped
+    assert results.path.runs[0].figures[0][0].settling is None
+
+
+def test_a_path_that_leaves_the_rail_is_named(tmp_path: Path) -> None:
+    scene = Path(__file__).parents[3] / "machines" / "guideway.toml"
+    text = scene.read_text().replace('"240 mm"]\n\n[points]', '"260 mm"]\n\n[points]')
+    text += '\n[analyses.path]\nfrom = { X = "0 mm" }\nto = { X = "250 mm" }\nfeeds = ["3000 mm/min"]\ntime_constant = "100 ms"\n'
+    with pytest.raises(SceneError) as caught:
+        load(tmp_path, text)
+    assert {problem.key for problem in caught.value.problems} == {"analyses.path.to"}
+    assert all("hangs 10 mm over the end of rail bed.rail_" in problem.message for problem in caught.value.problems)
+
+
+def test_a_rotary_axis_is_no_path(tmp_path: Path) -> None:
+    text = SCENE.replace('direction = "x"\nlimits = ["-100 mm", "100 mm"]', 'kind = "rotary"\ndirection = "z"')
+    with pytest.raises(SceneError, match="a path moves linear axes only"):
+        load(tmp_path, text)
+
+
+def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: Path) -> None:
+    followed = run_path(tmp_path)
+    assert followed.poses is not None
+    assert followed.poses.stations == 9
+    assert followed.poses.error < 5e-5
+    kept = run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request'))
+    assert kept.poses is None
+    for one, other in zip(followed.runs, kept.runs, strict=True):
+        np.testing.assert_array_equal(one.curves.frozen, other.curves.deviation.total)
+        np.testing.assert_array_equal(other.curves.frozen, other.curves.deviation.total)
+        # the slider's way on its bed changes little, and what it changes is reported
+        change = np.abs(one.curves.deviation.total - one.curves.frozen).max()
+        assert 1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
+    assert followed.poses.effect == pytest.approx(
+        [np.abs(run.curves.deviation.total - run.curves.frozen).max() for run in followed.runs]
+    )
+
+
+def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path: Path) -> None:
+    slow, fast = (
+        run.curves.deviation for run in run_path(tmp_path, SCENE.replace("on_request", 'pose_changes = "frozen"\non_request')).runs
+    )
+    count = int(0.4 * 2500)
+    np.testing.assert_allclose(fast.total[:count], 5.0 * slow.total[:count], atol=1e-9 * np.abs(fast.total).max())

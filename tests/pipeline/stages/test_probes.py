@@ -1,0 +1,84 @@
+"""Displacement and stress at probes, from a scene."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+LENGTH, SIDE, PRESSURE, YOUNG = 0.4, 0.02, 0.1e6, 210e9
+SCENE = """
+name = "Beam under pressure"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.beam]
+solid = { box = ["20 mm", "20 mm", "400 mm"] }
+material = "steel"
+mesh = { size = "10 mm" }
+ROTATE
+[components.beam.interfaces]
+tip = { face = "z+", coupling = "average" }
+[supports.clamp]
+face = "beam.z-"
+fix = ["x", "y", "z"]
+[loads.side]
+face = "beam.x-"
+pressure = "0.1 MPa"
+[probes.middle]
+component = "beam"
+at = ["10 mm", "0 mm", "200 mm"]
+[points]
+tcp = { tool = "beam.tip", work = "ground" }
+[analyses.static]
+at = "tcp"
+"""
+
+
+def _run(tmp_path: Path, text: str) -> dict:
+    scene = tmp_path / "beam.toml"
+    scene.write_text(text)
+    run_scene(load_scene(scene), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    return dict(json.loads((tmp_path / "out" / "summary.json").read_text()))
+
+
+def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) -> None:
+    summary = _run(tmp_path, SCENE.replace("ROTATE", ""))
+    line, inertia = PRESSURE * SIDE, SIDE**4 / 12.0
+    bending = line * (LENGTH / 2) ** 2 / 2 * (SIDE / 2) / inertia
+    probe = summary["probes"]["reference"]["middle"]
+    assert probe["stress_mpa"]["zz"] == pytest.approx(-bending * 1e-6, rel=0.01)
+    deflection = line * LENGTH**4 / (8 * YOUNG * inertia)
+    assert summary["static"]["tcp"]["displacement"][0] == pytest.approx(deflection, rel=0.01)
+    assert probe["stress_jump"] < 0.05
+
+
+def test_a_turned_component_shows_the_same_stress_in_turned_axes(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    straight = _run(tmp_path / "a", SCENE.replace("ROTATE", ""))["probes"]["reference"]["middle"]
+    turned = SCENE.replace("ROTATE", 'rotate = { axis = "y", angle = "90 deg" }')
+    lying = _run(tmp_path / "b", turned)["probes"]["reference"]["middle"]
+    assert lying["stress_mpa"]["xx"] == pytest.approx(straight["stress_mpa"]["zz"], rel=1e-9)
+    assert lying["displacement_um"][2] == pytest.approx(-straight["displacement_um"][0], rel=1e-9)
+
+
+def test_a_second_run_recovers_the_same_stress_from_the_store(tmp_path: Path) -> None:
+    first = _run(tmp_path, SCENE.replace("ROTATE", ""))
+    second = _run(tmp_path, SCENE.replace("ROTATE", ""))
+    assert second["probes"] == first["probes"]
+    assert all(stage["cached"] for stage in second["stages"] if stage["stage"] == "reduce")
+
+
+def test_a_probe_without_loads_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    scene = tmp_path / "beam.toml"
+    text = SCENE.replace("ROTATE", "").replace('[loads.side]\nface = "beam.x-"\npressure = "0.1 MPa"\n', "")
+    scene.write_text(text)
+    with pytest.raises(SceneError, match="nothing loads the machine"):
+        load_scene(scene)

@@ -1,0 +1,81 @@
+"""The range of frequencies between averaging and rigid interfaces, computed only where a scene names it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+SCENE = """
+name = "bracket"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.arm]
+solid = { box = ["300 mm", "60 mm", "40 mm"] }
+material = "steel"
+mesh = { size = "40 mm", cells = "hex" }
+reduction = { modes = 12 }
+[components.arm.interfaces]
+root = { face = "x-", coupling = "average" }
+bolt = { face = "z+", rect = { center = ["90 mm", "0 mm"], size = ["80 mm", "60 mm"] } }
+[joints.wall]
+between = ["ground", "arm.root"]
+kind = "rigid"
+[joints.stay]
+between = ["ground", "arm.bolt"]
+kind = "spring"
+stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "100 N m/mrad", ry = "100 N m/mrad", rz = "100 N m/mrad" }
+[analyses.modal]
+count = 4
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("spread")
+
+
+def load(folder: Path, *overrides: str):
+    path = folder / "scene.toml"
+    path.write_text(SCENE)
+    return load_scene(path, overrides=overrides)
+
+
+def run(folder: Path, *overrides: str):
+    return run_scene(load(folder, *overrides), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def test_the_range_reaches_from_all_averaging_to_all_rigid(folder: Path) -> None:
+    results = run(folder, "analyses.modal.spread=true")
+    both = {
+        kind: run(folder, *(f"components.arm.interfaces.{name}.coupling={kind}" for name in ("root", "bolt"))).modal[0]
+        for kind in ("average", "rigid")
+    }
+    spans = np.array(results.modal[0].spread_hz)
+    np.testing.assert_allclose(spans[:, 0], both["average"].frequencies_hz, rtol=1e-9)
+    np.testing.assert_allclose(spans[:, 1], both["rigid"].frequencies_hz, rtol=1e-9)
+    assert (spans[:, 1] > 1.005 * spans[:, 0]).any()
+    own = results.modal[0].frequencies_hz
+    assert ((spans[:, 0] < own) & (own < spans[:, 1])).all()
+    assert summarise(results)["modal"][0]["interface_spread_hz"] == spans.tolist()
+
+
+def test_it_is_planned_and_summarised_only_where_it_is_named(folder: Path) -> None:
+    assert not [stage for stage in plan_scene(load(folder)).stages if stage.kind == "spread"]
+    (stage,) = [stage for stage in plan_scene(load(folder, "analyses.modal.spread=true")).stages if stage.kind == "spread"]
+    assert "arm" in stage.reason
+    assert "interface_spread_hz" not in summarise(run(folder))["modal"][0]
+
+
+def test_a_machine_without_a_choice_says_so(folder: Path) -> None:
+    plan = plan_scene(load(folder, "analyses.modal.spread=true", "components.arm.fidelity=rigid"))
+    assert not [stage for stage in plan.stages if stage.kind == "spread"]
+    assert any("nothing to vary" in warning for warning in plan.warnings)

@@ -1,0 +1,90 @@
+"""A part from a STEP or mesh file that is not meshed is still drawn as what it is."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.parts.skins import Skin
+from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.errors import MeshError
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages import components as component_stages
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.validation.campaigns.sample_files import SIZE, box_mesh, msh_text
+
+SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.step"
+SCENE = """
+name = "Parts from files"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.support]
+solid = { step = "support.step" }
+material = "steel"
+fidelity = "rigid"
+free = true
+interfaces.foot = { face = "z-" }
+[components.bar]
+solid = { mesh = "box.msh", unit = "1 m" }
+material = "steel"
+fidelity = "rigid"
+at = ["0 mm", "0 mm", "50 mm"]
+interfaces.low = { face = "z-" }
+interfaces.high = { face = "z+" }
+[joints.bolts]
+between = ["support.foot", "bar.low"]
+kind = "rigid"
+at = ["0 mm", "0 mm", "50 mm"]
+[analyses.modal]
+count = 6
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copy(SUPPORT, tmp_path / "support.step")
+    (tmp_path / "box.msh").write_text(msh_text(box_mesh()))
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path
+
+
+def run(folder: Path) -> Results:
+    return run_scene(load_scene(folder / "scene.toml"), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def area(skin: Skin) -> float:
+    a, b, c = (skin.points[skin.triangles[:, k]] for k in range(3))
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+def test_parts_from_files_are_drawn_with_their_own_surface_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = run(folder)
+    support, bar = results.view.skins["support"], results.view.skins["bar"]
+    assert (support.source, bar.source) == ("solid", "solid")
+    assert area(support) == pytest.approx(sum(face.area for face in survey_step(StepFile(SUPPORT)).faces), rel=0.01)
+    assert area(bar) == pytest.approx(2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9)
+    np.testing.assert_allclose(np.ptp(bar.points, axis=0), SIZE, rtol=1e-9)
+    monkeypatch.setattr(component_stages, "unmeshed_skin", lambda solid: pytest.fail("read again"))
+    again = run(folder)
+    np.testing.assert_array_equal(again.view.skins["support"].triangles, support.triangles)
+    shifts = again.view.poses["reference"].shifts
+    assert all(shifts[name].shape == (6, len(skin.points), 3) for name, skin in again.view.skins.items())
+
+
+def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(solid: object) -> None:
+        raise MeshError("no face could be triangulated")
+
+    monkeypatch.setattr(component_stages, "unmeshed_skin", refuse)
+    results = run(folder)
+    assert results.view.skins["support"].source == "inertia"
+    assert any(re.search("'support' is drawn as a block of equal inertia: no face", text) for text in results.warnings)
+    assert len(results.modal[0].frequencies_hz) == 6

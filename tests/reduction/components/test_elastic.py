@@ -1,0 +1,132 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.parts.components import Patch, ReductionSettings, Support
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest, mode_target
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.errors import ModelError
+
+COMM = MPI.COMM_SELF
+SIZE = (0.1, 0.13, 0.4)
+SIX = ReductionRequest(ModeTarget(count=6), gravity=True)
+
+
+@pytest.fixture(scope="module")
+def mesh(make_box):
+    groups = {"foot": "z-", "tip": "z+", "support:plane": "x-", "support:clamp": "z-"}
+    return make_box((2, 2, 4), SIZE, groups)
+
+
+def plane(*directions):
+    return (Support("plane", "body", (Patch("x-"),), directions),)
+
+
+def test_labels_name_every_dof_in_order(mesh, make_component):
+    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
+    assert element.labels[:7] == (*(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")), ("tip", "x"))
+    assert element.labels[12] == ("mode", "1")
+    assert len(element.labels) == len(element.stiffness) == 12 + element.modal_count
+    assert element.full_dofs == mesh.points.size
+
+
+@pytest.mark.parametrize("coupling", ["rigid", "average"])
+def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(mesh, make_component, coupling):
+    element = reduce_elastic(make_component({"foot": coupling}), mesh, comm=COMM, request=SIX)
+    assert not element.stiffness[:6, :6].any()
+    check_superelement(element)
+
+
+@pytest.mark.parametrize("coupling", ["rigid", "average"])
+def test_a_symmetry_plane_leaves_its_three_motions_without_stiffness(mesh, make_component, coupling):
+    element = reduce_elastic(make_component({"tip": coupling}), mesh, plane("x"), comm=COMM, request=SIX)
+    # in the plane x = 0: along y, along z, about x
+    for motion in ([0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0]):
+        force = element.stiffness[:, :6] @ np.array(motion, dtype=float)
+        assert np.abs(force).max() < 1e-15 * np.abs(element.stiffness[:6, :6]).max()
+        # a null space is told by the diagonal: there not even rounding may be left
+        assert abs(force[:6] @ motion) < 1e-28 * np.abs(element.stiffness[:6, :6]).max()
+    assert element.supported
+
+
+def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole(make_box, make_component):
+    whole = make_box((4, 2, 3), (0.2, 0.13, 0.3), {"foot": "z-", "tip": "z+"})
+    half = make_box((2, 2, 3), (0.1, 0.13, 0.3), {"foot": "z-", "tip": "z+", "support:plane": "x-"})
+    component = make_component({"foot": "rigid", "tip": "rigid"})
+    full = reduce_elastic(component, whole, comm=COMM, request=ReductionRequest())
+    part = reduce_elastic(component, half, plane("x"), comm=COMM, request=ReductionRequest())
+
+    def stretch(element, middle):
+        """Stiffness against pulling the faces apart and against turning them towards each other about x."""
+        motions = np.zeros((12, 2))
+        for name, sign in (("foot", -1.0), ("tip", 1.0)):
+            node = element.attachments[name].node
+            assert element.frames[node].origin[0] == pytest.approx(middle)
+            motions[6 * node + 2, 0] = motions[6 * node + 3, 1] = sign
+        return motions.T @ element.stiffness @ motions
+
+    found, exact = 2.0 * stretch(part, 0.05), stretch(full, 0.1)
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.abs(exact).max())
+
+
+def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane_leaves(mesh, make_component):
+    element = reduce_elastic(make_component(), mesh, plane("x"), comm=COMM, request=SIX)
+    assert element.boundary_size == 6 and not element.stiffness[:6, :6].any()
+    rows = element.constraints[:, :6]
+    # x, turning about y and about z are fixed
+    np.testing.assert_allclose(np.abs(rows).sum(axis=0) > 1e-9, [True, False, False, False, True, True])
+    free = element.mass[:6, :6].diagonal()
+    np.testing.assert_allclose(free[1:3], element.mass_kg, rtol=1e-9)
+    assert free[3] == pytest.approx(element.inertia[0, 0], rel=1e-9)
+
+
+def test_a_clamped_body_without_interfaces_is_its_modes(mesh, make_component):
+    clamp = (Support("clamp", "body", (Patch("z-"),), ("x", "y", "z")),)
+    element = reduce_elastic(make_component(), mesh, clamp, comm=COMM, request=SIX)
+    assert element.boundary_size == 0
+    np.testing.assert_allclose(element.mass, np.eye(element.modal_count), atol=1e-10)
+    np.testing.assert_allclose(np.diag(element.stiffness), (2.0 * np.pi * element.modal_frequencies_hz) ** 2, rtol=1e-12)
+
+
+def test_a_stated_mass_scales_the_density(mesh, make_component):
+    plain = make_component({"foot": "rigid"})
+    heavy = dataclasses.replace(plain, mass=123.0)
+    one, other = (reduce_elastic(component, mesh, comm=COMM, request=SIX) for component in (plain, heavy))
+    assert other.mass_kg == pytest.approx(123.0, rel=1e-12)
+    np.testing.assert_allclose(other.mass[:6, :6], one.mass[:6, :6] * 123.0 / one.mass_kg, rtol=1e-9, atol=1e-9)
+    ratio = np.sqrt(one.mass_kg / 123.0)
+    np.testing.assert_allclose(other.modal_frequencies_hz, one.modal_frequencies_hz * ratio, rtol=1e-9)
+
+
+def test_recovery_shows_every_interface_its_own_motion(mesh, make_component):
+    element = reduce_elastic(make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=SIX)
+    node = element.attachments["tip"].node
+    moved = (element.recovery[:, 6 * node + 2]).reshape(-1, 3)
+    tip, foot = mesh.points[:, 2] > SIZE[2] - 1e-9, mesh.points[:, 2] < 1e-9
+    np.testing.assert_allclose(moved[tip], np.tile([0.0, 0.0, 1.0], (tip.sum(), 1)), atol=1e-12)
+    assert not moved[foot].any()
+
+
+def test_gravity_loads_the_interfaces_with_the_whole_weight(mesh, make_component):
+    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
+    vector = element.loads["gravity:z"].vector
+    assert vector[2] + vector[8] == pytest.approx(element.mass_kg, rel=1e-10)
+
+
+def test_mode_targets_follow_the_components_settings(make_component):
+    component = make_component()
+    by_count = dataclasses.replace(component, reduction=ReductionSettings(modes=7))
+    by_frequency = dataclasses.replace(component, reduction=ReductionSettings(modes_to_hz=900.0))
+    assert mode_target(by_count) == ModeTarget(count=7)
+    assert mode_target(by_frequency) == ModeTarget(up_to_hz=900.0)
+    with pytest.raises(ModelError, match=r"reduction.modes"):
+        mode_target(dataclasses.replace(component, reduction=ReductionSettings()))
+
+
+def test_residuals_of_the_solves_are_reported(mesh, make_component):
+    element = reduce_elastic(make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX)
+    assert 0.0 < element.residual < 1e-8

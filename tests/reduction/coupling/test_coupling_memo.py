@@ -1,0 +1,36 @@
+"""A coupling that remembers the last pose gives, bit by bit, what one that remembers nothing gives."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.geometry.machine.machine import Pose
+from headstock.meshing.components.meshing import describe_component
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.coupling_memo import CouplingMemo
+from headstock.scene.building.loader import load_scene
+
+SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_every_matrix_is_that_of_a_coupling_without_a_memo(held: bool) -> None:
+    overrides = ['joints.carriage.stiffness.roll="rigid"', 'joints.foot_2.stiffness.x="1 MN/um"'] if held else []
+    machine = load_scene(SCENE, overrides=overrides).machine
+    parts = {
+        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(part, describe_component(part))
+        for name, part in machine.components.items()
+    }
+    memo = CouplingMemo({"tcp"})
+    for place in (0.0, 0.1, 0.1, -0.2, 0.0):
+        pose = Pose("p", {"X": place})
+        quick, plain = couple(parts, machine, pose, memo=memo), couple(parts, machine, pose)
+        for name in ("mass", "stiffness"):
+            assert getattr(quick.system, name).tobytes() == getattr(plain.system, name).tobytes()
+        assert set(quick.system.inputs) == {("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")}
+        for port, row in quick.system.inputs.items():
+            assert np.array_equal(row, plain.system.inputs[port])
+        assert quick.system.labels == plain.system.labels

@@ -1,0 +1,111 @@
+"""Estimates of what a mesh does to frequencies and compliances, against finer meshes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.stats import spearmanr
+
+from headstock.geometry.frames import rigid_transfer
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
+from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.linear.modal_analysis import solve_modal
+
+SIZE = (0.04, 0.1, 0.4)
+COUNT = 5
+FINE = ("hex27", (3, 8, 26))
+COARSE = [("hex27", (1, 2, 3)), ("hex27", (1, 3, 8)), ("tet10", (1, 2, 6)), ("tet10", (2, 4, 12)), ("hex8", (2, 4, 12))]
+
+
+@pytest.fixture(scope="module")
+def column(make_box, make_component):
+    """Reduce and couple a column that is clamped at its foot, on a structured mesh."""
+    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
+    machine = Machine(
+        "column",
+        {"body": component},
+        {"clamp": Joint("clamp", (JointEnd(None, None), JointEnd("body", "foot")), "rigid", held=tuple(range(6)))},
+        points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))},
+    )
+
+    def coupled(kind, counts):
+        mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
+        element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
+        return couple({"body": element}, machine, Pose("reference"))
+
+    return coupled
+
+
+def numbers(coupled):
+    """Frequencies and compliances in x, y, z with their estimated errors, all relative."""
+    modes = solve_modal(coupled.system, count=COUNT)
+    budget = point_budget(coupled, "tcp")
+    soft = np.diag(budget.compliance)[:3]
+    errors = frequency_mesh_errors(coupled, modes)["body"] / modes.frequencies_hz
+    softer = np.diag(compliance_mesh_errors(coupled, budget.displacements)["body"])[:3] / soft
+    # as estimated, without the factor that covers 95 %
+    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements["body"].mesh_safety
+
+
+def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(column):
+    exact, _ = numbers(column(*FINE))
+    true, found = [], []
+    for kind, counts in COARSE:
+        values, errors = numbers(column(kind, counts))
+        # frequencies come out too high, compliances too small
+        true.append(np.r_[values[:COUNT] / exact[:COUNT] - 1.0, exact[COUNT:] / values[COUNT:] - 1.0])
+        found.append(errors)
+    ratios = np.concatenate(found) / np.concatenate(true)
+    assert 1.0 / 3.0 < np.median(ratios) < 3.0
+    assert ((ratios > 1.0 / 3.0) & (ratios < 3.0)).mean() > 0.8
+    assert spearmanr(np.concatenate(found), np.concatenate(true)).statistic > 0.9
+
+
+def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column):
+    coupled, exact = column("tet10", (1, 2, 6)), column(*FINE)
+    element, count = coupled.layout.superelements["body"], 18
+    assert (np.diag(element.missing_energy)[element.boundary_size :] > 0.0).all()
+    modes, right = (solve_modal(each.system, count=count).frequencies_hz for each in (coupled, exact))
+    errors = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=count))["body"]
+    assert modes[-1] > 0.9 * element.cutoff_hz
+    assert (errors > 0.2 * (modes - right)).all()
+
+
+def test_what_a_file_does_not_estimate_is_unknown_not_zero(column):
+    coupled = column("tet10", (1, 2, 6))
+    element = coupled.layout.superelements["body"]
+    missing = element.missing_energy.copy()
+    missing[-6:] = missing[:, -6:] = 0.0
+    poorer = dataclasses.replace(element, missing_energy=missing)
+    coupled = dataclasses.replace(coupled, layout=dataclasses.replace(coupled.layout, superelements={"body": poorer}))
+    modes = solve_modal(coupled.system)
+    errors = frequency_mesh_errors(coupled, modes)["body"]
+    assert np.isfinite(errors[:COUNT]).all()
+    assert np.isnan(errors[modes.frequencies_hz > element.modal_frequencies_hz[-6]]).all()
+    assert meshed_parts(coupled)["body"].reach_hz == element.modal_frequencies_hz[-6]
+
+
+def test_rigid_motions_of_a_free_component_miss_no_energy(make_box, make_component):
+    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
+    mesh = make_box((1, 2, 6), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
+    element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=4)))
+    motions = np.zeros((len(element.labels), 6))
+    for node, frame in enumerate(element.frames):
+        motions[6 * node : 6 * node + 6] = rigid_transfer(np.array([3.0, -2.0, 1.0]), frame.origin)
+    energies = np.diag(motions.T @ element.missing_energy @ motions)
+    assert np.abs(energies).max() < 1e-12 * np.trace(element.missing_energy)
+    assert np.linalg.eigvalsh(element.missing_energy)[0] > -1e-9 * np.trace(element.missing_energy)
+
+
+def test_what_is_not_asked_for_is_not_estimated(make_box, make_component):
+    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
+    mesh = make_box((1, 1, 2), SIZE, {"foot": "z-", "tip": "z+"})
+    request = ReductionRequest(ModeTarget(count=2), errors=False)
+    assert reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).missing_energy is None

@@ -1,0 +1,111 @@
+"""Ways from files: read as a scene would read them, and refused with the line and what to write."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading import axis_paths
+from headstock.scene.reading.axis_paths import PathFileError, read_path
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.reading.units import ANGLE, LENGTH, parse_quantity
+
+SLIDE = (Path(__file__).parents[2] / "data" / "slide.toml").read_text()
+WAY = '[sweeps.way]\npath = [{ X = "-100 mm" }, { X = "200 mm" }, { X = "150 mm" }]\nstep = "40 mm"\n'
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "way.csv"
+    path.write_bytes(text.encode())
+    return path
+
+
+def load_way(folder: Path, way: str):
+    assert SLIDE.count(WAY) == 1
+    (folder / "scene.toml").write_text(SLIDE.replace(WAY, f"[sweeps.way]\n{way}\n"))
+    return load_scene(folder / "scene.toml").sweeps["way"]
+
+
+def test_positions_are_the_numbers_that_a_scene_with_the_same_digits_has(tmp_path: Path) -> None:
+    digits = ["0.1", "-37.123456789", "1e-7", "359.99", "0", "-0.0", "123456.7"]
+    rows = "".join(f"{a}, {b}\r\n" for a, b in zip(digits, reversed(digits), strict=True))
+    path = read_path(write(tmp_path, f"\ufeffX [mm] ,B[deg]\r\n{rows}\r\n"))
+    assert path.axes == ("X", "B") and path.units == ("m", "rad")
+    for column, unit, written in ((0, "mm", digits), (1, "deg", digits[::-1])):
+        expected = [parse_quantity(f"{text} {unit}", LENGTH, ANGLE).value + 0.0 for text in written]
+        assert path.positions[:, column].tolist() == expected
+    assert not np.signbit(path.positions[5, 0])
+    assert path.lines.tolist() == list(range(2, 9))
+
+
+def test_a_sweep_along_a_file_has_the_poses_of_the_same_way_written_in_the_scene(tmp_path: Path) -> None:
+    write(tmp_path, "X [mm]\n-100\n200\n150\n")
+    from_file = load_way(tmp_path, 'path = "way.csv"\nstep = "40 mm"')
+    (tmp_path / "scene.toml").write_text(SLIDE)
+    written = load_scene(tmp_path / "scene.toml").sweeps["way"]
+    assert (from_file.kind, from_file.axes, from_file.units) == ("path", ("X",), ("m",))
+    assert from_file.positions.tobytes() == written.positions.tobytes()
+
+
+def test_without_a_step_every_row_is_a_pose(tmp_path: Path) -> None:
+    write(tmp_path, "X [mm]\n-100\n200\n150\n150\n")
+    assert load_way(tmp_path, 'path = "way.csv"').positions.tolist() == [[-0.1], [0.2], [0.15], [0.15]]
+
+
+def test_a_step_without_a_path_and_a_list_without_a_step_are_refused(tmp_path: Path) -> None:
+    for way in ('axes = { X = ["0 mm", "1 mm", 2] }\nstep = "1 mm"', 'path = [{ X = "1 mm" }, { X = "2 mm" }]'):
+        with pytest.raises(SceneError, match="path and step go together"):
+            load_way(tmp_path, way)
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "way.csv:1 names no axes; the first line names the columns, such as X [mm],Y [mm]"),
+    ("\n1\n2\n", "way.csv:1 names no axes"),
+    ("X\n1\n2\n", 'way.csv:1: column X has no unit; write "X [mm]" or "X [deg]"'),
+    ("X [mm];Y [mm]\n1;2\n", "way.csv:1 holds semicolons"),
+    ("1,2\n3,4\n", 'way.csv:1: column 1 is "1" and names no axis with its unit'),
+    ("X [mm],\n1,\n2,\n", 'way.csv:1: column 2 is "" and names no axis'),
+    ("X [mm],X [mm]\n1,1\n2,2\n", "way.csv:1 names axis X twice"),
+    ("X [mm/min]\n1\n2\n", 'way.csv:1: column X: "mm/min" measures a speed, not a length or an angle'),
+    ("X [mn]\n1\n2\n", "way.csv:1: column X: unknown unit 'mn'; write for example mm or deg"),
+    ("X []\n1\n2\n", 'way.csv:1: column X: "" is no unit of a length or an angle'),
+    ("X [mm]\n1\n2 mm\n", 'way.csv:3 is no row of numbers: "2 mm"'),
+    ("X [mm],Y [mm]\n1,2\n\n3\n", 'way.csv:4 has 1 entries, the first line has 2: "3"'),
+    ("X [mm],Y [mm]\n1,5,2,5\n1,5,3,0\n", "way.csv:2 has 4 entries, .* write numbers with a point, not a comma"),
+    ("X [mm],Y [mm]\n1,2\n3,\n", 'way.csv:3 is no row of numbers: "3,"'),
+    ("X [mm]\n1\nnan\n", 'way.csv:3 holds a value that is not finite: "nan"'),
+    ("X [mm]\n1\n1e400\n", "way.csv:3 holds a value that is not finite"),
+    ("X [mm]\n1\n1e99999999999999999999\n", "way.csv:3 is no row of numbers"),
+    ("X [mm]\n1\n", "way.csv holds 1 waypoints; a path needs at least two"),
+    (",".join(f"X{n} [mm]" for n in range(30)), "way.csv:1 has 30 columns; a path has 20 at most"),
+    (f'X [mm]\n1\n"{"1" * 200_000}"\n', "way.csv cannot be read: field larger than field limit"),
+    ("X [mm]\n1\n\0\n", "way.csv:3 is no row of numbers"),
+])  # fmt: skip
+def test_a_file_that_is_no_way_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    plain = message if ".*" in message else "".join(f"\\{sign}" if sign in "[]()." else sign for sign in message)
+    with pytest.raises(PathFileError, match=plain):
+        read_path(write(tmp_path, text))
+
+
+def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "way.csv"
+    path.write_bytes(b"X [mm]\n1\n\xff\n")
+    with pytest.raises(PathFileError, match=r"way.csv cannot be read: .*utf-8"):
+        read_path(path)
+    with pytest.raises(PathFileError, match=r"gone.csv cannot be read"):
+        read_path(tmp_path / "gone.csv")
+    monkeypatch.setattr(axis_paths, "MOST_WAYPOINTS", 3)
+    with pytest.raises(PathFileError, match=r"way.csv:5: a path has 3 waypoints at most"):
+        read_path(write(tmp_path, "X [mm]\n1\n2\n3\n4\n"))
+    monkeypatch.setattr(axis_paths, "MOST_BYTES", 10)
+    with pytest.raises(PathFileError, match=r"way.csv has 0 MB; a path may have 0 MB"):
+        read_path(path)
+
+
+def test_huge_positions_are_no_trouble_where_an_axis_has_no_limits(tmp_path: Path) -> None:
+    write(tmp_path, "X [mm]\n-1e300\n1e300\n")
+    scene = SLIDE.replace('limits = ["-260 mm", "260 mm"]\n', "").replace(WAY, '[sweeps.way]\npath = "way.csv"\nstep = "1 mm"\n')
+    (tmp_path / "scene.toml").write_text(scene)
+    with pytest.raises(SceneError, match="takes 100000 at most"):
+        load_scene(tmp_path / "scene.toml")

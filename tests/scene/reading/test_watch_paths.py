@@ -1,0 +1,73 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from headstock.scene.reading.watch_paths import WatchError, parse_watch, read_watch
+
+SUMMARY = {
+    "status": "done",
+    "static": {"tcp": {"compliance_um_per_kN": [[1.0, 2.0], [3.0, 4.0]]}, "far end": {"sentence": "soft"}},
+    "modal": [
+        {"pose_name": "left", "frequencies_hz": [10.0, 20.0, 30.0], "rigid_count": 0},
+        {"pose_name": "right", "frequencies_hz": [11.0, 21.0, 31.0], "rigid_count": 0},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "found"),
+    [
+        ("status", {"status": "done"}),
+        ("static.tcp.compliance_um_per_kN[0][1]", {"static.tcp.compliance_um_per_kN[0][1]": 2.0}),
+        ('static."far end".sentence', {"static.far end.sentence": "soft"}),
+        ("modal.frequencies_hz[-1]", {"modal.frequencies_hz[-1]": 30.0}),
+        ("modal.frequencies_hz[0:2]", {"modal.frequencies_hz[0]": 10.0, "modal.frequencies_hz[1]": 20.0}),
+        ("modal.frequencies_hz[1:9]", {"modal.frequencies_hz[1]": 20.0, "modal.frequencies_hz[2]": 30.0}),
+        ("modal.right.frequencies_hz[:1]", {"modal.right.frequencies_hz[0]": 11.0}),
+        ("modal[1].frequencies_hz[0]", {"modal[1].frequencies_hz[0]": 11.0}),
+        (
+            "static.tcp.compliance_um_per_kN[1]",
+            {"static.tcp.compliance_um_per_kN[1][0]": 3.0, "static.tcp.compliance_um_per_kN[1][1]": 4.0},
+        ),
+    ],
+)
+def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(path: str, found: dict) -> None:
+    assert read_watch(parse_watch(path), SUMMARY) == found
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["", "modl.frequencies_hz", "modal.frequencies_hz[", "modal..x", ".modal", "[0]", "modal.frequencies_hz[a]", "__import__('os')",
+     "modal.frequencies_hz[0:6:2]", "modal x", "status.__class__()", 'static."tcp', "modal.(1)", "static" + ".a" * 50],
+)  # fmt: skip
+def test_what_is_no_path_is_refused(path: str) -> None:
+    with pytest.raises(WatchError):
+        parse_watch(path)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("static.tpc.compliance_um_per_kN[0][0]", "has no 'tpc'; there are: tcp, far end"),
+        ("modal.frequencies_hz[3]", "has 3 entries, so there is no [3]"),
+        ("static.tcp", "is a table; name one of compliance_um_per_kN"),
+        ("status[0]", "is no list"),
+    ],
+)
+def test_a_path_that_leads_nowhere_says_where_it_ends(path: str, words: str) -> None:
+    with pytest.raises(WatchError) as caught:
+        read_watch(parse_watch(path), SUMMARY)
+    assert words in str(caught.value)
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_a_path_or_refused_by_name(text: str) -> None:
+    try:
+        path = parse_watch(text)
+    except WatchError:
+        return
+    assert path.steps
+    try:
+        read_watch(path, SUMMARY)
+    except WatchError:
+        return

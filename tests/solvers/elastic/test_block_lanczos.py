@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.solvers.errors import ConvergenceError
+
+COMM = MPI.COMM_SELF
+SIZE = 400
+
+
+@pytest.fixture(scope="module")
+def pencil():
+    rng = np.random.default_rng(4)
+    values = np.cumsum(rng.uniform(0.5, 2.0, SIZE)) ** 2
+    shapes = np.linalg.qr(rng.standard_normal((SIZE, SIZE)))[0]
+    weights = rng.uniform(0.5, 2.0, SIZE)
+    # M = diag(w), K = M^1/2 Q L Q^T M^1/2
+    root = np.sqrt(weights)[:, None]
+    inverse = (shapes / values) @ shapes.T / root / root.T
+    return values, lambda x: inverse @ x, lambda x: weights[:, None] * x
+
+
+def search(pencil, target, width=6, seed=0, dimension=SIZE):
+    _, inverse, mass = pencil
+    start = np.random.default_rng(seed).standard_normal((SIZE, width))
+    return lowest_eigenpairs(inverse, mass, start, target, comm=COMM, dimension=dimension)
+
+
+@pytest.mark.parametrize("width", [1, 4, 12])
+def test_the_lowest_pairs_come_out_whatever_the_width_of_the_block(pencil, width):
+    found = search(pencil, ModeTarget(count=20), width)
+    np.testing.assert_allclose(found.values, pencil[0][: len(found.values)], rtol=1e-10)
+    assert len(found.values) >= 20
+
+
+def test_vectors_are_orthonormal_in_the_mass(pencil):
+    found = search(pencil, ModeTarget(count=20))
+    gram = found.vectors.T @ pencil[2](found.vectors)
+    np.testing.assert_allclose(gram, np.eye(len(gram)), atol=1e-11)
+
+
+def test_residuals_are_as_small_as_the_bounds_say(pencil):
+    values, inverse, mass = pencil
+    found = search(pencil, ModeTarget(count=15))
+    flexibilities = 1.0 / found.values
+    rest = inverse(mass(found.vectors)) - found.vectors * flexibilities
+    sizes = np.sqrt(np.einsum("ij,ij->j", rest, mass(rest))) / flexibilities
+    assert (sizes < found.residuals + 1e-12 * values[20] / values[0]).all()
+
+
+def test_a_frequency_target_is_complete_up_to_it(pencil):
+    limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
+    found = search(pencil, ModeTarget(up_to_hz=limit))
+    assert len(found.values) >= 12
+    assert found.next_value > (2.0 * np.pi * limit) ** 2
+
+
+def test_the_next_value_is_the_first_left_out(pencil):
+    found = search(pencil, ModeTarget(count=10))
+    assert found.next_value == pytest.approx(pencil[0][len(found.values)], rel=1e-3)
+
+
+def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil):
+    found = search(pencil, ModeTarget(count=SIZE))
+    np.testing.assert_allclose(found.values, pencil[0], rtol=1e-7)
+    assert found.next_value == np.inf
+
+
+def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reached():
+    # 1500 frequencies below the limit, of which a search by frequency takes a thousand vectors at most
+    values = np.linspace(1.0, 9.0, 1500)[:, None]
+    start = np.random.default_rng(0).standard_normal((1500, 125))
+    target = ModeTarget(up_to_hz=0.5)
+    with pytest.raises(ConvergenceError, match="ask for fewer modes"):
+        lowest_eigenpairs(lambda x: x / values, lambda x: x, start, target, comm=COMM, dimension=1500)
+
+
+def test_a_space_that_closes_early_is_widened_until_every_mode_is_found():
+    # only three different values: from two directions no more than six vectors can be reached
+    values = np.repeat([1.0, 4.0, 9.0], 20)
+    start = np.random.default_rng(8).standard_normal((60, 2))
+    found = lowest_eigenpairs(lambda x: x / values[:, None], lambda x: x, start, ModeTarget(count=25), comm=COMM, dimension=60)
+    np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
+    assert len(found.values) == 40
+
+
+@pytest.mark.parametrize(("count", "end"), [(0, 0), (1, 1), (2, 4), (3, 4), (4, 4), (5, 5)])
+def test_a_cluster_is_never_cut(count, end):
+    assert cluster_end(np.array([1.0, 2.0, 2.004, 2.009, 3.0]), count) == end
+
+
+def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil):
+    limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
+    assert len(search(pencil, ModeTarget(count=5, up_to_hz=limit)).values) < 12
+    assert len(search(pencil, ModeTarget(count=50, up_to_hz=limit)).values) == len(
+        search(pencil, ModeTarget(up_to_hz=limit)).values
+    )
+    few = search(pencil, ModeTarget(count=5, up_to_hz=limit))
+    assert few.next_value == pytest.approx(pencil[0][len(few.values)], rel=1e-3)

@@ -1,0 +1,61 @@
+"""CHOLMOD, with and without METIS, and MUMPS are one factorisation."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.components.meshing import mesh_component
+from headstock.solvers.elastic import factorization
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
+from headstock.solvers.elastic.factorization import Factorization
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+
+
+@pytest.fixture(scope="module")
+def operators() -> ElasticOperators:
+    component = Component("block", Box((0.1, 0.05, 0.2)), STEEL, mesh=MeshSettings(size=0.03))
+    return assemble_elasticity(mesh_component(component), STEEL, comm=MPI.COMM_SELF, with_mass=False)
+
+
+def some_held(operators: ElasticOperators) -> np.ndarray:
+    """A clamped face, and single directions elsewhere, so that nodes are held in part."""
+    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    held[7::31] = True
+    return held
+
+
+def residual(operators: ElasticOperators, held: np.ndarray, loads: np.ndarray, found: np.ndarray) -> float:
+    forces = operators.apply_stiffness(found)
+    return float(np.abs((forces - loads)[~held]).max() / np.abs(loads).max())
+
+
+def solve(operators: ElasticOperators, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, str]:
+    loads = np.random.default_rng(3).standard_normal((operators.owned_dofs, 5))
+    with Factorization(operators, held) as factors:
+        assert factors._factor is not None
+        return loads, factors.solve(loads), str(factors._factor.getType())
+
+
+def test_displacements_balance_the_loads_and_held_dofs_stay(operators: ElasticOperators) -> None:
+    held = some_held(operators)
+    loads, found, _ = solve(operators, held)
+    assert residual(operators, held, loads, found) < 1e-9
+    assert not found[held].any()
+
+
+@pytest.mark.skipif(not PETSc.Sys.hasExternalPackage("cholmod"), reason="PETSc without CHOLMOD")
+def test_cholmod_with_and_without_metis_and_mumps_agree(operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch) -> None:
+    held = some_held(operators)
+    _, ordered, first = solve(operators, held)
+    monkeypatch.setattr(factorization, "dissect_nodes", lambda pattern: None)
+    _, default, second = solve(operators, held)
+    monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
+    _, other, third = solve(operators, held)
+    assert (first, second, third) == ("cholmod", "cholmod", "mumps")
+    assert np.abs(ordered - other).max() < 1e-10 * np.abs(other).max()
+    assert np.abs(default - other).max() < 1e-10 * np.abs(other).max()

@@ -1,0 +1,80 @@
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.errors import OutOfMemoryError
+from headstock.solvers.elastic import factorization
+from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.factorization import Factorization
+from headstock.solvers.errors import HeadstockError
+
+COMM = MPI.COMM_SELF
+
+
+@pytest.fixture(scope="module")
+def block(make_box, make_component):
+    mesh = make_box((1, 2, 3), (0.1, 0.2, 0.4))
+    operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=False)
+    return operators, np.repeat(operators.points[:, 2] < 1e-9, 3)
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block, count):
+    operators, held = block
+    loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, count))
+    with Factorization(operators, held) as factorization:
+        found = factorization.solve(loads)
+    exact = np.linalg.solve(operators.stiffness.toarray()[np.ix_(~held, ~held)], loads[~held])
+    assert np.abs(found[~held] - exact).max() < 1e-10 * np.abs(exact).max()
+    assert not found[held].any()
+
+
+def test_a_factorisation_without_memory_blames_no_element(block, monkeypatch: pytest.MonkeyPatch):
+    factor = SimpleNamespace(getMumpsInfog=lambda _: -13)
+    monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
+    monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: factor)
+    with pytest.raises(
+        OutOfMemoryError, match=r"the factorisation of a stiffness with \d+ dofs needed more memory than there is; write a larger"
+    ):
+        Factorization(*block)
+
+
+def test_loads_on_held_dofs_are_ignored(block):
+    operators, held = block
+    loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, 1))
+    with Factorization(operators, held) as factorization:
+        found = factorization.solve(loads)
+        again = factorization.solve(np.where(held[:, None], 1e9, loads))
+    np.testing.assert_array_equal(found, again)
+
+
+def test_a_stiffness_that_is_not_positive_definite_is_refused(block):
+    operators, held = block
+    upside_down = dataclasses.replace(operators, stiffness=-operators.stiffness)
+    with pytest.raises(HeadstockError, match="not positive definite"):
+        Factorization(upside_down, held).solve(np.ones((operators.owned_dofs, 1)))
+
+
+def test_with_every_dof_held_nothing_moves(block):
+    operators, held = block
+    with Factorization(operators, np.ones_like(held)) as factorization:
+        assert factorization.free_total == 0
+        assert not factorization.solve(np.ones((len(held), 2))).any()
+
+
+def test_no_right_hand_side_gives_no_solution(block):
+    operators, held = block
+    with Factorization(operators, held) as factorization:
+        assert factorization.solve(np.zeros((len(held), 0))).shape == (len(held), 0)
+
+
+def test_a_single_element_whose_dofs_all_meet_is_factorised(make_box, make_component):
+    # the ordering used for large matrices ends the process on such a graph
+    mesh = make_box((1, 1, 1), (0.1, 0.1, 0.1))
+    operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=False)
+    held = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    with Factorization(operators, held) as factorization:
+        assert np.isfinite(factorization.solve(np.ones((len(held), 1)))).all()

@@ -1,0 +1,75 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.sturm_count import count_frequencies_below
+from headstock.solvers.errors import AccuracyError
+
+COMM = MPI.COMM_SELF
+SIZE = (0.1, 0.13, 0.4)
+
+
+@pytest.fixture(scope="module")
+def block(make_box, make_component):
+    mesh = make_box((1, 1, 3), SIZE)
+    return mesh, assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
+
+
+def dense_pencil(operators):
+    order = np.argsort(operators.nodes)
+    dofs = (3 * order[:, None] + np.arange(3)).ravel()
+    mass = np.kron(operators.scalar_mass.toarray(), np.eye(3))
+    return operators.stiffness.toarray()[np.ix_(dofs, dofs)], mass[np.ix_(dofs, dofs)]
+
+
+def frequencies(stiffness, mass):
+    factor = np.linalg.inv(np.linalg.cholesky(mass))
+    return np.sqrt(np.abs(np.linalg.eigvalsh(factor @ stiffness @ factor.T))) / (2.0 * np.pi)
+
+
+def between(values, count):
+    return 0.5 * (values[count - 1] + values[count])
+
+
+def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block):
+    mesh, operators = block
+    foot = mesh.points[:, 2] < 1e-9
+    free = np.repeat(~foot, 3)
+    stiffness, mass = dense_pencil(operators)
+    found = frequencies(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
+    held = np.repeat(foot[operators.nodes], 3)
+    for count in (1, 2, 5, 40, len(found) - 1):
+        assert count_frequencies_below(operators, held, between(found, count)) == count
+
+
+def test_rigid_motions_of_a_free_block_are_counted(block):
+    _, operators = block
+    found = frequencies(*dense_pencil(operators))
+    held = np.zeros(operators.owned_dofs, dtype=bool)
+    assert count_frequencies_below(operators, held, 0.5 * found[6]) == 6
+
+
+def test_means_held_at_zero_take_their_modes_out_of_the_count(block):
+    mesh, operators = block
+    everywhere = np.random.default_rng(3).standard_normal((len(mesh.points), 3, 7))
+    constraints = everywhere[operators.nodes].reshape(-1, 7)
+    stiffness, mass = dense_pencil(operators)
+    basis = np.linalg.qr(everywhere.reshape(-1, 7), mode="complete")[0][:, 7:]
+    found = frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
+    held = np.zeros(operators.owned_dofs, dtype=bool)
+    for count in (1, 4, 30):
+        assert count_frequencies_below(operators, held, between(found, count), constraints=constraints) == count
+
+
+def test_a_component_without_free_dofs_has_no_frequencies(block):
+    _, operators = block
+    assert count_frequencies_below(operators, np.ones(operators.owned_dofs, dtype=bool), 1e9) == 0
+
+
+def test_a_count_without_mass_is_refused(block):
+    _, operators = block
+    with pytest.raises(AccuracyError, match="mass"):
+        count_frequencies_below(dataclasses.replace(operators, scalar_mass=None), np.zeros(operators.owned_dofs, dtype=bool), 1.0)

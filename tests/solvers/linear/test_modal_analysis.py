@@ -1,0 +1,132 @@
+"""Modal analysis of second-order systems against closed forms."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.second_order import SecondOrderSystem
+
+
+def system_of(mass, stiffness):
+    return SecondOrderSystem(mass, None, stiffness, {}, {}, tuple(f"q{i}" for i in range(len(mass))))
+
+
+def chain(count, *, free=False, stiffness=1.0e6, mass=2.0):
+    """Equal masses in a row on equal springs, both ends held or both free."""
+    matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+    if free:
+        matrix[0, 0] = matrix[-1, -1] = 1.0
+    numbers = np.arange(count) if free else np.arange(1, count + 1)
+    angles = numbers * np.pi / (2.0 * (count if free else count + 1))
+    return system_of(mass * np.eye(count), stiffness * matrix), 2.0 * np.sqrt(stiffness / mass) * np.sin(angles) / (2.0 * np.pi)
+
+
+def random_system(size, seed=0, condition=1.0):
+    generator = np.random.default_rng(seed)
+    factors = [generator.normal(size=(size, size)) for _ in range(2)]
+    scales = np.logspace(0.0, 0.5 * np.log10(condition), size)
+    mass, stiffness = (factor @ factor.T + size * np.eye(size) for factor in factors)
+    return system_of(mass, 1e6 * stiffness * scales * scales[:, None])
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 60])
+def test_a_held_chain_has_its_closed_form_frequencies(count):
+    system, expected = chain(count)
+    modal = solve_modal(system)
+    np.testing.assert_allclose(modal.frequencies_hz, expected, rtol=1e-11)
+    assert modal.rigid_count == 0 and modal.infinite_count == 0
+
+
+@pytest.mark.parametrize("count", [2, 7, 60])
+def test_a_free_chain_has_one_rigid_mode_and_its_closed_form_frequencies(count):
+    system, expected = chain(count, free=True)
+    modal = solve_modal(system)
+    assert modal.rigid_count == 1
+    assert modal.frequencies_hz[0] < 1e-5 * modal.frequencies_hz[1]
+    np.testing.assert_allclose(modal.frequencies_hz[1:], expected[1:], rtol=1e-10)
+    np.testing.assert_allclose(np.abs(modal.shapes[:, 0]), 1.0 / np.sqrt(2.0 * count), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "system", [random_system(20), random_system(20, condition=1e6), chain(9, free=True)[0]], ids=["like", "spread", "free"]
+)
+def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(system):
+    modal = solve_modal(system)
+    squares = (2.0 * np.pi * modal.frequencies_hz) ** 2
+    np.testing.assert_allclose(modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(squares)), atol=1e-9)
+    scaled = modal.shapes.T @ system.stiffness @ modal.shapes / np.sqrt(np.outer(squares, squares) + squares[-1] * 1e-6)
+    assert np.abs(scaled - np.diag(scaled.diagonal())).max() < 1e-8
+    assert modal.residuals.max() < 1e-10
+
+
+def test_repeated_frequencies_keep_their_multiplicity():
+    generator = np.random.default_rng(3)
+    basis = np.linalg.qr(generator.normal(size=(12, 12)))[0]
+    squares = np.array([1.0] * 5 + [4.0] * 3 + [9.0, 9.0, 16.0, 25.0]) * 1e6
+    stiffness = basis * squares @ basis.T
+    modal = solve_modal(system_of(np.eye(12), 0.5 * (stiffness + stiffness.T)))
+    np.testing.assert_allclose(modal.frequencies_hz, np.sqrt(squares) / (2.0 * np.pi), rtol=1e-12)
+    np.testing.assert_allclose(modal.shapes.T @ modal.shapes, np.eye(12), atol=1e-10)
+    # the subspace of the five, not its vectors, is what two roads share
+    angles = scipy.linalg.subspace_angles(modal.shapes[:, :5], basis[:, :5])
+    assert angles.max() < 1e-6
+
+
+def test_count_and_upper_frequency_cut_the_list_and_change_no_value():
+    system, expected = chain(20)
+    everything = solve_modal(system).frequencies_hz
+    np.testing.assert_allclose(solve_modal(system, count=4).frequencies_hz, everything[:4], rtol=1e-13)
+    limit = 0.5 * (expected[6] + expected[7])
+    assert len(solve_modal(system, up_to_hz=limit).frequencies_hz) == 7
+    assert len(solve_modal(system, count=3, up_to_hz=limit).frequencies_hz) == 3
+    assert len(solve_modal(system, count=99).frequencies_hz) == 20
+    with pytest.raises(ValueError, match="at least one"):
+        solve_modal(system, count=0)
+
+
+def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_are_those():
+    squares = np.logspace(0, 14, 15)
+    coupling = np.eye(15) + 0.05 * (np.eye(15, k=1) + np.eye(15, k=-1))
+    scales = np.sqrt(squares)
+    system = system_of(np.eye(15), coupling * scales * scales[:, None])
+    exact = np.sqrt(np.array([float(value) for value in _exact_eigenvalues(system.stiffness)])) / (2.0 * np.pi)
+    np.testing.assert_allclose(solve_modal(system).frequencies_hz, exact, rtol=1e-8)
+    for count in range(15):
+        limit = exact[0] / 2.0 if count == 0 else exact[count - 1] * (1.0 + 1e-9)
+        np.testing.assert_allclose(solve_modal(system, up_to_hz=limit).frequencies_hz, exact[:count], rtol=1e-8)
+
+
+def _exact_eigenvalues(matrix):
+    """Eigenvalues by Jacobi rotations, which keep the relative accuracy of graded matrices (Demmel and Veselic 1992)."""
+    matrix = matrix.astype(np.longdouble)
+    size = len(matrix)
+    for _ in range(30):
+        for p in range(size - 1):
+            for q in range(p + 1, size):
+                if abs(matrix[p, q]) < 1e-18 * np.sqrt(matrix[p, p] * matrix[q, q]):
+                    continue
+                theta = (matrix[q, q] - matrix[p, p]) / (2 * matrix[p, q])
+                t = np.sign(theta) / (np.abs(theta) + np.hypot(theta, 1)) if theta != 0 else np.longdouble(1)
+                c = 1 / np.sqrt(t**2 + 1)
+                rotation = np.array([[c, t * c], [-t * c, c]])
+                matrix[[p, q], :] = rotation.T @ matrix[[p, q], :]
+                matrix[:, [p, q]] = matrix[:, [p, q]] @ rotation
+                matrix[p, q] = matrix[q, p] = 0
+    return np.sort(matrix.diagonal())
+
+
+@pytest.mark.parametrize("what", ["mass", "stiffness"])
+def test_an_unsymmetric_matrix_is_refused_and_not_symmetrised(what):
+    matrices = {"mass": np.eye(4), "stiffness": 1e6 * np.eye(4)}
+    matrices[what][0, 1] = 1e-9 * matrices[what][0, 0]
+    with pytest.raises(ModelError, match=f"the {what} matrix is not symmetric"):
+        solve_modal(system_of(**matrices))
+
+
+def test_answers_repeat_bitwise():
+    system = random_system(30, seed=4)
+    first, second = solve_modal(system), solve_modal(system)
+    np.testing.assert_array_equal(first.frequencies_hz, second.frequencies_hz)
+    np.testing.assert_array_equal(first.shapes, second.shapes)

@@ -1,0 +1,80 @@
+"""Loops closed by python-control around the same machine: an independent method, where pip could install it (``environment/tests.txt``)."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.geometry.machine.drives import AxisControl
+from headstock.solvers.control.drive_loops import close_loops, open_plant
+from headstock.solvers.control.drive_trains import free_motors
+from headstock.solvers.control.margins import find_margins
+from headstock.solvers.control.stability import find_loop_poles
+from headstock.solvers.linear.control_systems import to_control
+from headstock.validation.machines.two_mass_drive import LOAD, TwoMasses, make_drive
+
+control = pytest.importorskip("control")
+
+GAINS = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, current_lag=3e-4)
+
+
+def plant_and_controller():
+    """Force to motor position by python-control, and the controller as transfer functions."""
+    system, train = make_drive(TwoMasses(), GAINS)
+    plant = to_control(open_plant(system, [train], outputs=[LOAD]))
+    motor = control.ss(plant.A, plant.B, plant.C[1:2], 0.0)
+    pi = control.tf([GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0])
+    lag = control.tf([1.0], [GAINS.current_lag, 1.0])
+    return system, train, motor, pi * lag
+
+
+def test_poles_are_those_of_python_controls_feedback():
+    system, train, motor, inner = plant_and_controller()
+    loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
+    theirs = control.feedback(loop, 1.0).poles()
+    ours = find_loop_poles(close_loops(system, [train])).poles
+    for pole in ours:
+        assert np.abs(theirs - pole).min() < 1e-5 * abs(pole)
+
+
+def test_margins_are_those_of_python_control():
+    system, train, motor, inner = plant_and_controller()
+    loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
+    gain, phase, _, gain_at, phase_at, _ = control.stability_margins(loop)
+    (ours,) = find_margins(system, [train], to_hz=1000.0)
+    assert ours.phase_deg == pytest.approx(phase, rel=1e-3)
+    assert ours.phase_hz == pytest.approx(phase_at / (2.0 * np.pi), rel=1e-3)
+    # python-control names the crossing nearest to one: here gains may fall, and how far is what it tells
+    assert gain < 1.0
+    assert ours.lowest_gain == pytest.approx(gain, rel=1e-3)
+    assert gain_at > 0.0
+
+
+def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_once():
+    system, train = make_drive(TwoMasses(), GAINS)
+    held = dataclasses.replace(
+        system,
+        mass=np.diag([120.0, 60.0]),
+        damping=np.diag([20.0, 30.0]),
+        stiffness=np.array([[9e7, -4e7], [-4e7, 9e7]]),
+        inputs={LOAD: np.eye(2)[0]},
+        outputs={LOAD: np.eye(2)[0]},
+        labels=("a", "b"),
+    )
+    trains = [
+        dataclasses.replace(train, name=name, axis=name, stretch=row, slide=row, scale=row, stator=np.zeros(2), damping=0.0)
+        for name, row in zip("XY", np.eye(2), strict=True)
+    ]
+    free = free_motors(held, trains)
+    plant = to_control(open_plant(free, trains))
+    # outputs: encoders, motors, slides; close X, then Y around the result
+    rates = control.tf([1.0, GAINS.position_gain], [1.0])
+    pi = control.tf([GAINS.velocity_gain * GAINS.integral_time, GAINS.velocity_gain], [GAINS.integral_time, 0.0])
+    lag = control.tf([1.0], [GAINS.current_lag, 1.0])
+    each = control.ss(rates * pi * lag)
+    both = control.append(each, each)
+    loop = control.feedback(control.ss(plant.A, plant.B, plant.C[:2], np.zeros((2, 2))), both)
+    theirs = loop.poles()
+    ours = find_loop_poles(close_loops(free, trains)).poles
+    for pole in ours:
+        assert np.abs(theirs - pole).min() < 1e-5 * abs(pole)

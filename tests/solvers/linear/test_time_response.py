@@ -1,0 +1,112 @@
+"""Exact discretisation against closed forms and against a stiff integrator of a library."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.frequency_response import solve_frf
+from headstock.solvers.linear.state_space import to_state_space
+from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.second_order import SecondOrderSystem
+
+PORTS = (("a", "x"), ("b", "x"))
+
+
+def make_system(size=5, seed=0):
+    random = np.random.default_rng(seed)
+    factor = random.standard_normal((size, size))
+    rows = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
+    stiffness = 1e4 * (factor @ factor.T + 0.1 * np.eye(size))
+    return SecondOrderSystem(np.diag(random.uniform(0.5, 2.0, size)), None, stiffness, rows, rows, ("q",) * size)
+
+
+def dashpots(size=5, strength=20.0):
+    lines = np.random.default_rng(1).standard_normal((size, 2))
+    return strength * lines @ lines.T
+
+
+def unsymmetric(bare):
+    skew = np.zeros_like(bare.stiffness)
+    skew[0, 1] = 500.0
+    return dataclasses.replace(bare, stiffness=bare.stiffness + skew, damping=np.eye(len(skew)) * 5.0)
+
+
+SYSTEMS = {
+    "undamped": make_system(),
+    "modal": add_modal_damping(make_system(), [0.02]),
+    "overdamped": add_modal_damping(make_system(), [2.0, 1.0, 0.3]),
+    "coupled": dataclasses.replace(make_system(), damping=dashpots()),
+    "unsymmetric": unsymmetric(make_system()),
+}
+
+
+@pytest.mark.parametrize("name", list(SYSTEMS))
+@pytest.mark.parametrize("step", [1e-3, 0.02])
+def test_every_step_agrees_with_radau(name, step):
+    system = SYSTEMS[name]
+    times = step * np.arange(6)
+    loads = np.column_stack([np.sin(40.0 * times), np.where(times > 2.5 * step, 1.0, 0.3)])
+    space = to_state_space(system, inputs=PORTS, outputs=PORTS)
+    found = solve_time_response(space, loads, step).outputs
+    state, expected = np.zeros(len(space.a)), [space.c @ np.zeros(len(space.a)) + space.d @ loads[0]]
+    for number in range(5):
+        slope = (loads[number + 1] - loads[number]) / step
+        force = lambda t, x, u=loads[number], r=slope: space.a @ x + space.b @ (u + r * t)  # noqa: E731
+        result = solve_ivp(force, (0.0, step), state, method="Radau", rtol=1e-10, atol=1e-14, jac=space.a)
+        state = result.y[:, -1]
+        expected.append(space.c @ state + space.d @ loads[number + 1])
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", list(SYSTEMS))
+def test_the_state_space_has_the_frequency_response_of_the_system(name):
+    frequencies = np.array([0.3, 7.0, 40.0, 200.0])
+    expected = solve_frf(SYSTEMS[name], frequencies, inputs=PORTS, outputs=PORTS).receptance
+    space = to_state_space(SYSTEMS[name], inputs=PORTS, outputs=PORTS)
+    np.testing.assert_allclose(space.respond(2.0 * np.pi * frequencies), expected, atol=1e-9 * np.abs(expected).max())
+    assert (space.inputs, space.outputs) == (PORTS, PORTS)
+    assert len(space.states) == len(space.a) == 10
+
+
+def test_modes_left_out_of_a_state_space_stay_in_it_statically():
+    space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS, up_to_hz=30.0)
+    assert 2 <= len(space.a) < 10 and space.d.any()
+    static = np.linalg.inv(SYSTEMS["modal"].stiffness)[:2, :2]
+    np.testing.assert_allclose(space.d - space.c @ np.linalg.solve(space.a, space.b), static, rtol=1e-9)
+
+
+def test_structural_damping_decays_like_the_viscous_one_of_equal_loss():
+    bare = make_system()
+    lossy = to_state_space(dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness), inputs=PORTS, outputs=PORTS)
+    viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=PORTS, outputs=PORTS)
+    np.testing.assert_allclose(lossy.a, viscous.a, atol=1e-8 * np.abs(viscous.a).max())
+
+
+def test_a_free_mass_falls_as_galileo_says():
+    port = {("a", "x"): np.ones(1)}
+    space = to_state_space(
+        SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)), inputs=list(port), outputs=list(port)
+    )
+    times = 0.1 * np.arange(50)
+    found = solve_time_response(space, np.full((50, 1), 6.0), 0.1)
+    np.testing.assert_allclose(found.outputs[:, 0], 1.5 * times**2, rtol=1e-12, atol=1e-14)
+
+
+def test_a_stretch_goes_on_from_the_final_state_of_the_one_before():
+    space = to_state_space(SYSTEMS["coupled"], inputs=PORTS, outputs=PORTS)
+    loads = np.random.default_rng(4).standard_normal((40, 2))
+    whole = solve_time_response(space, loads, 0.01)
+    first = solve_time_response(space, loads[:20], 0.01)
+    second = solve_time_response(space, loads[19:], 0.01, initial_state=first.final_state)
+    np.testing.assert_allclose(second.outputs[-1], whole.outputs[-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("step", "load"), [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, np.inf)])
+def test_senseless_steps_and_loads_are_refused(step, load):
+    space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS)
+    with pytest.raises(ModelError):
+        solve_time_response(space, np.full((3, 2), load), step)

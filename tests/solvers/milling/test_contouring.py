@@ -1,0 +1,150 @@
+"""The whole contour at once, linear and nonlinear, against marching step by step."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from headstock.geometry.errors import JointLimitError, UnreachablePoseError
+from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.solvers.errors import ConvergenceError, ModelError
+from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
+from headstock.solvers.mechanisms.modes import linearise_poses, tool_compliance
+from headstock.solvers.mechanisms.motion import PartitionedMotion
+from headstock.solvers.milling.contouring import (
+    LinearMotion,
+    Regeneration,
+    drive_forces,
+    linear_motion,
+    march_linear,
+    refine_motion,
+    tool_gaps,
+)
+from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
+from headstock.solvers.milling.tool_path import SmoothPath, SquareContour, square_path
+from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
+
+STEP = 5e-5
+CONTOUR = SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01)
+
+
+@cache
+def machine() -> Tripteor:
+    return load_tripteor()
+
+
+@cache
+def path_drive() -> tuple[SmoothPath, PathDrive]:
+    path, _ = square_path(CONTOUR)
+    nodes = np.linspace(0.0, 0.4, 101)
+    return path, follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
+
+
+def moving(count: int, damping: float) -> tuple[LinearMotion, np.ndarray]:
+    times = STEP * np.arange(count)
+    motion = linear_motion(machine().model, path_drive()[1], times, np.array([damping]))
+    force = 300.0 * np.stack([np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1)
+    return motion, force
+
+
+def test_drives_lead_the_tool_along_the_path() -> None:
+    path, drive = path_drive()
+    mechanism = machine().model.mechanism
+    times = np.linspace(0.003, 0.39, 57)
+    points = path.at(times)
+    gaps = tool_gaps(machine().model, drive, times, np.zeros((len(times), 6)))
+    assert np.abs(gaps).max() == 0.0
+    speeds = drive.at(times)
+    later, earlier = drive.at(times + 1e-6).position, drive.at(times - 1e-6).position
+    assert np.allclose((later - earlier) / 2e-6, speeds.speed, atol=1e-7)
+    states = drive.rigid_states(times)
+    tool = mechanism.marks.index("tcp")
+    states[:, mechanism.driven_slice] = speeds.position
+    placed = place_marks(mechanism, close_loops(mechanism, states)).positions[:, tool]
+    mounting = machine().scene.mounted.mounting
+    assert np.abs(mounting.origin + placed @ mounting.rotation.T - points.position).max() < 2e-8
+
+
+def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
+    model, (_, drive) = machine().model, path_drive()
+    motion, force = moving(200, 0.0)
+    linear = march_linear(motion, motion.load + motion.tool_load(force))
+    whole = refine_motion(model, drive, motion, force, linear)
+    stepped = [whole.give[0]]
+    problem = PartitionedMotion(model, drive.at, lambda time: force[round(time / STEP)], drive.states[0])
+    first = problem.start(0.0, whole.give[0], np.zeros(6))
+    assert np.abs(first.acceleration).max() < 1e-6
+
+    def observe(state: MotionState) -> None:
+        stepped.append(state.position)
+
+    integrate_motion(problem, first, STEP, len(motion.times) - 1, observe=observe, tolerance=1e-14)
+    assert np.abs(np.array(stepped) - whole.give).max() < 1e-11
+    # the linear model follows within a hundredth of the motion
+    assert 1e-9 < np.abs(linear.give - whole.give).max() < 0.02 * np.abs(whole.give).max()
+
+
+def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
+    model, (_, drive) = machine().model, path_drive()
+    motion, _ = moving(2000, 0.6)
+    ramp = 1.0 - np.cos(np.pi * np.minimum(motion.times / 0.08, 1.0))
+    push = 100.0 * ramp[:, None] * np.array([1.0, 0.5, -0.3])
+    moved = march_linear(motion, motion.load + motion.tool_load(push)).give - march_linear(motion, motion.load).give
+    compliance = tool_compliance(model, linearise_poses(model, drive.rigid_states(motion.times[-1:])))[0, :3, :3]
+    assert np.allclose(motion.tool_motion(moved)[-1], compliance @ push[-1], rtol=5e-3, atol=0.0)
+
+
+def test_drive_forces_at_rest_hold_the_weight() -> None:
+    model, (_, drive) = machine().model, path_drive()
+    motion, force = moving(3, 0.0)
+    rest = march_linear(motion, motion.load)
+    legs = drive_forces(
+        model,
+        drive,
+        motion.times[:1],
+        replace(rest, give=rest.give[:1], rate=rest.rate[:1], acceleration=rest.acceleration[:1]),
+        0.0 * force[:1],
+    )
+    still = linearise_poses(model, drive.states[0])
+    # the springs along the legs give under what the drives hold, but for the beams' own weight
+    springs = -(still.stiffness * rest.give[0])[1::2]
+    own = 65.0 * 9.81
+    assert np.allclose(legs[0, :3], springs, atol=own)
+    assert np.abs(legs[0, :3]).max() > 500.0
+
+
+def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> None:
+    motion, force = moving(4000, 0.0)
+    load = motion.load + motion.tool_load(force)
+    plain = march_linear(motion, load)
+    none = Regeneration(np.zeros((len(motion.times), 3, 3)), 24)
+    assert np.allclose(march_linear(motion, load, regeneration=none).give, plain.give, atol=1e-16)
+    strong = Regeneration(np.broadcast_to(1e11 * np.eye(3), (len(motion.times), 3, 3)), 24)
+    with pytest.raises(ConvergenceError, match="without bound"), np.errstate(over="ignore", invalid="ignore"):
+        march_linear(motion, load, regeneration=strong)
+
+
+def test_a_path_out_of_reach_is_refused_at_its_time() -> None:
+    far = replace(CONTOUR, center=(0.9, 0.0))
+    path, _ = square_path(far)
+    nodes = np.linspace(0.0, 0.4, 101)
+    with pytest.raises((JointLimitError, UnreachablePoseError), match=r"t = 0 s"):
+        follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
+
+
+def test_noisy_lengths_become_a_law_with_calm_accelerations() -> None:
+    times, rng = np.arange(0.0, 1.0, 1e-3), np.random.default_rng(1)
+    clean = 1.0 + 0.05 * np.sin(2.0 * np.pi * times)
+    noisy = clean + 1e-6 * rng.normal(size=len(times))
+    law = smooth_samples(times, noisy, 0.05)
+    exact = -0.05 * (2.0 * np.pi) ** 2 * np.sin(2.0 * np.pi * times)
+    differenced = np.diff(noisy, 2) / 1e-6
+    assert np.std(differenced - exact[1:-1]) > 2.0
+    assert np.std(law(times, nu=2) - exact) < 0.02
+    for bad, message in ((times[::-1], "must rise"), (times * np.nan, "not finite")):
+        with pytest.raises(ModelError, match=message):
+            smooth_samples(bad, noisy, 0.05)
+    with pytest.raises(ModelError, match="wider spacing"):
+        smooth_samples(times, noisy, 0.002)

@@ -1,0 +1,101 @@
+"""Milling that meets its own waves: small motions are the linear delay equation, large ones end in a limit cycle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
+from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
+from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut, cutting_forces, regeneration_stiffness
+from headstock.solvers.milling.regeneration import RegenerativeCut, cutting_phases, march_regenerative
+from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
+
+COEFFICIENTS = CuttingCoefficients((600e6, 180e6, 0.0), (18e3, 20e3, 0.0), "test")
+STEPS, TURNS, MASS, HZ, ZETA = 96, 120, 2.0, 700.0, 0.03
+SPINDLE = 2.0 * np.pi * 200.0
+FEED = 0.1e-3
+
+
+def cut_of(depth: float, runout: float = 0.0) -> MillingCut:
+    mill = EndMill(0.02, 4, np.radians(30.0), runout)
+    return MillingCut(mill, COEFFICIENTS, SPINDLE, depth, 0.005)
+
+
+def machine(turns: int = TURNS) -> LinearMotion:
+    times = np.arange(STEPS * turns) * 2.0 * np.pi / SPINDLE / STEPS
+    one = np.eye(2) * MASS
+    omega = 2.0 * np.pi * HZ
+    tool = np.zeros((2, 3, 2))
+    tool[:, 0, 0] = tool[:, 1, 1] = 1.0
+    both = [np.stack([matrix, matrix]) for matrix in (one, 2.0 * ZETA * omega * one)]
+    return LinearMotion(
+        times, times[[0, -1]], both[0], both[1], np.full((2, 2), MASS * omega**2), tool, np.zeros((2, 2)), np.zeros((len(times), 2))
+    )
+
+
+def teeth(cut: MillingCut, count: int) -> RegenerativeCut:
+    return RegenerativeCut(
+        cutting_phases(cut, STEPS), STEPS // 4, np.full(count, FEED), np.ones(count), np.broadcast_to(np.eye(3), (count, 3, 3))
+    )
+
+
+def march(cut: MillingCut, motion: LinearMotion, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+    history, force = march_regenerative(motion, load, teeth(cut, len(motion.times)))
+    return history.give, force
+
+
+def test_without_motion_the_forces_are_those_of_rigid_teeth() -> None:
+    motion = machine(3)
+    stiff = replace(motion, stiffness=1e9 * motion.stiffness, damping=1e9 * motion.damping)
+    for runout, allowed in ((0.0, 1e-3), (1e-5, 20.0)):
+        cut = cut_of(0.01, runout)
+        feed = np.full(len(motion.times), FEED / cut.tooth_period)
+        expected = cutting_forces(cut, motion.times, feed)[1:]
+        # runout hides the thin end of a chip behind that of an earlier tooth
+        assert np.abs(march(cut, stiff, motion.load)[1][1:] - expected).max() < allowed < 0.03 * np.abs(expected).max()
+
+
+def test_small_motions_follow_the_linear_delay_equation() -> None:
+    # no edge forces: they jump where a tooth leaves the thin end of its chip
+    motion, cut = machine(40), replace(cut_of(2e-4), coefficients=replace(COEFFICIENTS, edge=(0.0, 0.0, 0.0)))
+    feed = np.full(len(motion.times), FEED / cut.tooth_period)
+    rigid = cutting_forces(cut, motion.times, feed)
+    rigid[0] = 0.0
+    moved, _ = march(cut, motion, motion.load)
+    linear = march_linear(
+        motion,
+        motion.load + motion.tool_load(rigid),
+        regeneration=Regeneration(regeneration_stiffness(cut, motion.times), STEPS // 4),
+    ).give
+    plain = march_linear(motion, motion.load + motion.tool_load(rigid)).give
+    # at rest before, the first teeth leave waves; a settled motion repeats with every tooth and has none
+    effect = np.abs(linear - plain).max()
+    assert effect > 1e-9 > 1e5 * np.abs(linear[-STEPS:] - plain[-STEPS:]).max()
+    assert np.abs(moved - linear).max() < 0.1 * effect
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.04])
+def test_waves_grow_where_the_multiplier_says_so_and_end_in_a_limit_cycle(depth: float) -> None:
+    motion, cut = machine(), cut_of(depth)
+    omega = 2.0 * np.pi * HZ
+    tip = tip_dynamics(
+        (MASS * np.eye(2), 2.0 * ZETA * omega * MASS * np.eye(2), MASS * omega**2 * np.eye(2)), np.eye(3)[:, :2], np.eye(2)
+    )
+    multiplier = largest_multiplier(tip, milling_gains(cut, 96), cut.tooth_period)
+    moved, force = march(cut, motion, motion.load)
+    # what differs from one tooth to the next is no forced motion
+    waves = np.abs(moved[STEPS // 4 :] - moved[: -STEPS // 4]).max(axis=1)
+    early, late = waves[20 * STEPS : 30 * STEPS].max(), waves[-10 * STEPS :].max()
+    if multiplier < 1.0:
+        assert late < 1e-2 * waves[: 10 * STEPS].max()
+    else:
+        assert multiplier > 1.05
+        assert 0.3 * FEED < late < 20.0 * FEED and late < 3.0 * early
+        assert (force[-10 * STEPS :] == 0.0).all(axis=1).any()
+
+
+def test_steps_that_miss_a_tooth_are_refused() -> None:
+    with pytest.raises(ModelError, match="multiple"):
+        cutting_phases(cut_of(0.01), 98)

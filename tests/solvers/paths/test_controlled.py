@@ -1,0 +1,75 @@
+"""Deviation from a path under control: lag, linearity, the limit of held motors, and a second integrator."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.errors import ModelError
+from headstock.solvers.paths.controlled import ControlledPath, solve_controlled_path, solve_rubbing_path
+from headstock.solvers.paths.response import PathModel, solve_path
+from headstock.solvers.paths.set_points import Ramp, plan_move
+from headstock.solvers.second_order import SecondOrderSystem
+from headstock.validation.machines.two_mass_drive import LOAD, TwoMasses, make_drive
+
+MASSES = TwoMasses()
+CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
+MOVE = plan_move(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
+SAMPLES = 4e-4 * np.arange(3500)
+
+
+def path_with(control=CONTROL, masses=MASSES, law=None):
+    system, train = make_drive(masses, control, law)
+    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
+    return ControlledPath(loop, {"X": 1.0}, np.ones(1), slow_hz=5.0)
+
+
+def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up():
+    found = solve_controlled_path(path_with(), MOVE, SAMPLES)
+    steady = (SAMPLES > 0.8) & (SAMPLES < 0.98)
+    np.testing.assert_allclose(found.total[steady], -0.05 / 40.0, rtol=1e-6)
+    np.testing.assert_allclose(found.quasi_static[steady], -0.05 / 40.0, rtol=1e-9)
+    np.testing.assert_allclose(found.total, found.quasi_static + found.sway + found.dynamic, atol=1e-15)
+    assert np.abs(found.total[-1]).max() < 1e-7
+
+
+def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much():
+    slow, fast = (plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0))
+    first, second = (solve_controlled_path(path_with(), move, SAMPLES).total for move in (slow, fast))
+    np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
+
+
+def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one():
+    heavy = dataclasses.replace(MASSES, motor=1e8)
+    control = AxisControl(300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load)
+    found = solve_controlled_path(path_with(control, heavy), MOVE, SAMPLES)
+    held = SecondOrderSystem(
+        MASSES.load * np.eye(1), MASSES.damping * np.eye(1), MASSES.stiffness * np.eye(1),
+        {("path", "acceleration"): -MASSES.load * np.ones(1)}, {LOAD: np.ones(1)}, ("load",),
+    )  # fmt: skip
+    expected = solve_path(held, PathModel(("path", "acceleration"), (LOAD,), 5.0), MOVE, SAMPLES)
+    np.testing.assert_allclose(found.total, expected.total, atol=2e-5 * np.abs(expected.total).max())
+
+
+def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation():
+    short = plan_move(0.01, 0.05, Ramp("linear", 0.1))
+    samples = SAMPLES[:600:10]
+    exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
+    found, motion = solve_rubbing_path(path_with(law=GuideFriction()), short, samples)
+    np.testing.assert_allclose(found.total, exact.total[::10], atol=1e-7 * np.abs(exact.total).max())
+    assert motion.energy.error < 1e-6
+
+
+def test_a_machine_that_floats_is_refused():
+    system, train = make_drive(MASSES, CONTROL)
+    wide = [np.pad(matrix, ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness, system.damping)]
+    wide[0][2, 2] = 10.0
+    ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
+    loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}
+    apart = SecondOrderSystem(wide[0], wide[2], wide[1], loads, ports, (*system.labels, "apart"))
+    path = dataclasses.replace(path_with(), loop=close_loops(apart, [train], outputs=[LOAD]))
+    with pytest.raises(ModelError, match="floats"):
+        solve_controlled_path(path, MOVE, SAMPLES)

@@ -1,0 +1,113 @@
+"""The exact derivatives of a fit are those of high-order differences of the coupled machine, whatever a parameter moves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.studies.identification.identification_problem import FitProblem, data_jacobian, evaluate
+from headstock.validation.machines.identification_cases import prepare_text
+
+STEP = 5e-4
+STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+TARGETS = """
+[cases.written]
+frequencies = ["40 Hz", "65 Hz", "70 Hz", "95 Hz"]
+modes = [
+  {{ frequency = "120 Hz", vectors = {{ "slider.tool" = [0.3, 1.0, 0.1], "column.head" = [0.2, 0.6, 0.0] }} }},
+  {{ frequency = "150 Hz", moves = [{{ bodies = ["slider", "column"], rotation = "x" }}], ignore = ["base"] }},
+]
+compliances = [
+  {{ point = "tcp", motion = "z", force = "z", value = "65 um/kN" }},
+  {{ point = "tcp", motion = "x", force = "z", force_at = "column.head", value = "10 um/kN" }},
+]
+at_most = {{ modes = 1, below = "200 Hz" }}
+[cases.turned]
+variant = "{variant}"
+pose = "out"
+frequencies = ["40 Hz", "60 Hz", "80 Hz", "100 Hz", "120 Hz"]
+compliances = [{{ point = "tcp", motion = "y", force = "y", value = "65 um/kN" }}]
+"""
+LENGTH, STIFFNESS = 'bounds = ["10 mm", "900 mm"]', 'bounds = ["10 N/um", "800 N/um"]'
+PARAMETERS = {
+    "stiffness": ('keys = ["joints.guide_*.stiffness.normal"]', STIFFNESS),
+    "tied": (
+        'keys = ["joints.drive.stiffness.axial"]',
+        'multiplies = [{ key = "joints.feet.stiffness.rx", power = 2 }]',
+        STIFFNESS,
+    ),
+    "place_of_joints": (
+        'keys = ["joints.guide_1.at[1]", { key = "joints.guide_2.at[1]", factor = -1 },',
+        '{ key = "joints.guide_3.at[1]", factor = 0.8, offset = "3 mm" }]',
+        LENGTH,
+    ),
+    "place_of_bodies": (
+        'shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", { key = "components.column.at[1]", factor = 0.5 }]',
+        'bounds = ["-50 mm", "50 mm"]',
+        'scale = "linear"',
+    ),
+    "thickness": (
+        'keys = ["components.column.solid.box[0]"]',
+        'shifts = [{ key = "components.slider.at[0]", factor = 0.5 }]',
+        LENGTH,
+    ),
+    "height": (
+        'keys = ["components.column.solid.box[2]"]',
+        'shifts = ["components.slider.at[2]", "joints.guide_*.at[2]", "joints.drive.at[2]"]',
+        LENGTH,
+    ),
+    "mass": ('keys = ["components.slider.mass"]', 'bounds = ["5 kg", "50 kg"]'),
+    "modulus": ('keys = ["materials.steel.E"]', 'bounds = ["100 GPa", "300 GPa"]'),
+    "poisson": ('keys = ["materials.steel.nu"]', "bounds = [0.1, 0.4]"),
+    "density": ('keys = ["materials.steel.rho"]', 'bounds = ["5000 kg/m^3", "9000 kg/m^3"]'),
+    "angle": ('keys = ["components.column.rotate.angle"]', 'bounds = ["1 deg", "60 deg"]'),
+}
+
+
+def differences(problem: FitProblem, place: FloatArray) -> FloatArray:
+    """Sixth-order differences of the residuals, modes followed from the middle."""
+    anchor, columns = evaluate(problem, place), []
+    for direction in np.eye(len(place)):
+        moved = [weight * evaluate(problem, place + reach * STEP * direction, anchor).residuals for reach, weight in STENCIL]
+        columns.append(np.sum(moved, axis=0) / STEP)
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("variant", ["stiff", "turned"])
+def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant: str) -> None:
+    text = "".join("\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items())
+    problem = prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
+    place = problem.coordinates([parameter.start for parameter in problem.parameters])
+    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    scale = np.abs(expected).max(axis=0)
+    assert (scale > 0.0).all()
+    worst = np.abs(exact - expected).max(axis=0) / scale
+    assert dict(zip(PARAMETERS, worst, strict=True)) == {name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS}
+
+
+SCREW = """
+[fit]
+modes_above = "20 Hz"
+[cases.stiff]
+variant = "{variant}"
+frequencies = ["50 Hz", "60 Hz", "70 Hz", "90 Hz", "110 Hz"]
+compliances = [{{ point = "tcp", motion = "x", force = "x", value = "65 um/kN" }}]
+[parameters.nut]
+keys = ["joints.drive.stiffness.axial"]
+bounds = ["10 N/um", "800 N/um"]
+[parameters.place]
+shifts = ["components.slider.at[0]", "joints.drive.at[0]", "joints.guide_*.at[0]"]
+bounds = ["-50 mm", "50 mm"]
+scale = "linear"
+"""
+
+
+def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: Path) -> None:
+    """The joint's stiffness is no longer the number in the scene: it follows the screw's free length too."""
+    problem = prepare_text(tmp_path, SCREW.format(variant="screw"))
+    place = problem.coordinates([parameter.start for parameter in problem.parameters])
+    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    assert exact == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    bare = data_jacobian(prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place))
+    assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()

@@ -1,0 +1,149 @@
+"""A target file that cannot be used is answered with every problem at once, each with its place and what to write."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from headstock.scene.reading.findings import Problem, SceneError
+from headstock.studies.identification.target_files_2 import LoadedTask, load_targets
+from headstock.validation.machines.identification_cases import SCENE
+
+ROOT = Path(__file__).resolve().parents[3]
+GOOD = """name = "good"
+[fit]
+modes_above = "5 Hz"
+[cases.a]
+variant = "stiff"
+pose = "out"
+tolerance = "2 %"
+frequencies = ["60 Hz", "50 Hz"]
+modes = [{ frequency = "70 Hz", tolerance = "1.4 Hz", weight = 4, vectors = { tcp = [0, 1, 0] } }]
+compliances = [{ point = "tcp", motion = "z", force = "x", value = "-9 um/kN", tolerance = "0.9 um/kN", hold_out = true }]
+[parameters.guide]
+keys = ["joints.guide_*.stiffness.normal"]
+bounds = ["10 N/um", "800 N/um"]
+[parameters.width]
+keys = ["joints.guide_1.at[1]", { key = "joints.guide_2.at[1]", factor = -1, offset = "2 mm" }]
+bounds = ["10 mm", "80 mm"]
+prior_sigma = 0.3
+"""
+
+
+def load(folder: Path, text: str) -> LoadedTask:
+    scene, targets = folder / "machine.toml", folder / "targets.toml"
+    scene.write_text(SCENE)
+    targets.write_text(text)
+    return load_targets(targets, scene)
+
+
+def problems(folder: Path, text: str) -> tuple[Problem, ...]:
+    with pytest.raises(SceneError) as caught:
+        load(folder, text)
+    return caught.value.problems
+
+
+def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
+    task = load(tmp_path, GOOD).task
+    (case,) = task.cases
+    assert [target.frequency_hz for target in case.modes] == [50.0, 60.0, 70.0]
+    assert [target.sigma for target in case.modes] == pytest.approx([0.02, 0.02, 0.01])
+    assert (case.compliances[0].value, case.compliances[0].sigma) == pytest.approx((-9e-9, 0.1))
+    assert case.held_out == (False, False, False, True)
+    guide, width = task.parameters
+    assert [rule.key[1] for rule in guide.rules] == ["guide_1", "guide_2", "guide_3", "guide_4"]
+    assert (guide.start, guide.lower, guide.upper) == pytest.approx((50e6, 10e6, 800e6))
+    assert [(rule.factor, rule.offset) for rule in width.rules] == [(1.0, 0.0), (-1.0, pytest.approx(0.002))]
+    assert (width.prior, width.prior_sigma) == pytest.approx((0.04, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message"),
+    [
+        ('"stiff"', '"stif"', "cases.a.variant", "did you mean 'stiff'?"),
+        ('"out"', '"away"', "cases.a.pose", "unknown pose 'away'; poses: back, middle, out"),
+        ('"60 Hz"', '"60 rad/s"', "cases.a.frequencies[0]", "not a frequency"),
+        ('"60 Hz"', '"4 Hz"', "cases.a", "lies below modes_above (5 Hz)"),
+        ("tcp = [0, 1, 0]", "tip = [0, 1, 0]", "cases.a.modes[0].vectors.tip", "unknown point 'tip'"),
+        ("tcp = [0, 1, 0]", "tcp = [0, 0, 0]", "cases.a.modes[0].vectors", "every vector is zero"),
+        ("tcp = [0, 1, 0]", "tcp = [0, 1]", "cases.a.modes[0].vectors.tcp", "has 2 entries but needs at least 3"),
+        ('point = "tcp"', 'point = "tcpp"', "cases.a.compliances[0].point", "did you mean 'tcp'?"),
+        ('"-9 um/kN"', '"-9 N/um"', "cases.a.compliances[0].value", "is a stiffness, not a compliance"),
+        ('"-9 um/kN"', '"0 um/kN"', "cases.a.compliances[0]", "is zero"),
+        ('motion = "z"', 'motion = "up"', "cases.a.compliances[0].motion", "is not one of 'x', 'y' or 'z'"),
+        ('tolerance = "2 %"', 'tolerance = "-2 %"', "cases.a.tolerance", "a standard deviation is above zero"),
+        ("weight = 4", "weights = 4", "cases.a.modes[0].weights", "did you mean 'weight'?"),
+        ('"joints.guide_*.stiffness.normal"', '"joints.guide_*.stiffness.axial"', "parameters.guide.keys[0]", "lateral, normal"),
+        ('"joints.guide_*.stiffness.normal"', '"joints.rail_*.at[0]"', "parameters.guide.keys[0]", "joints holds bolts, guide_1"),
+        ('"joints.guide_*.stiffness.normal"', '"axes.X.limits[0]"', "parameters.guide.keys[0]", "no variant named here writes"),
+        ('"joints.guide_*.stiffness.normal"', '"joints..normal"', "parameters.guide.keys[0]", "is not a key"),
+        ('"joints.guide_*.stiffness.normal"', '"joints.guide_1.kind"', "parameters.guide.keys[0]", "cannot be fitted"),
+        ('"joints.guide_*.stiffness.normal"', '"poses.out.X"', "parameters.guide.keys[0]", "cannot be fitted"),
+        ('"joints.guide_*.stiffness.normal"', '"joints.feet.stiffness"', "parameters.guide.keys[0]", "is a table"),
+        ('["10 N/um", "800 N/um"]', '["800 N/um", "10 N/um"]', "parameters.guide.bounds", "is not below the upper one"),
+        ('["10 N/um", "800 N/um"]', '["60 N/um", "800 N/um"]', "parameters.guide.bounds", "the scene's value 5e+07 N/m lies outside"),
+        ('["10 N/um", "800 N/um"]', '["0 N/um", "800 N/um"]', "parameters.guide.bounds", 'write scale = "linear"'),
+        ('["10 N/um", "800 N/um"]', '["10 mm", "800 mm"]', "parameters.guide.bounds[0]", "is a length but what it moves is a stiffness"),
+        ('["10 N/um", "800 N/um"]', '["10 N/um"]', "parameters.guide.bounds", "has 1 entries but needs at least 2"),
+        ("prior_sigma = 0.3", 'prior = "200 mm"\nprior_sigma = 0.3', "parameters.width.prior", "lies outside the bounds"),
+        ("prior_sigma = 0.3", 'prior = "30 mm"', "parameters.width.prior_sigma", "is missing"),
+        ("prior_sigma = 0.3", 'prior_sigma = "3 mm"', "parameters.width.prior_sigma", "of the logarithm"),
+        ("factor = -1", "factor = 0", "parameters.width.keys[1]", "a factor of zero"),
+        ('offset = "2 mm"', 'offset = "2 N/um"', "parameters.width.keys[1]", "offset is a stiffness"),
+        ('"joints.guide_1.at[1]",', '"joints.guide_1.stiffness.normal",', "parameters.width.keys[0]", "is set by the parameter 'guide'"),
+        ('"joints.guide_1.at[1]",', '"components.slider.mass",', "parameters.width.keys[1]", "put it under multiplies"),
+        ('"joints.guide_1.at[1]",', '"joints.guide_1.at[3]",', "parameters.width.keys[0]", "joints.guide_1.at holds 3 entries"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
+    assert old in GOOD
+    found = problems(tmp_path, GOOD.replace(old, new, 1))
+    matching = [problem for problem in found if problem.key == key and message in problem.message]
+    assert matching, "\n".join(str(problem) for problem in found)
+    assert all(problem.place.startswith(f"{tmp_path / 'targets.toml'}:") for problem in matching)
+
+
+def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "identification.md").read_text(), re.DOTALL)
+    targets = tmp_path / "targets.toml"
+    targets.write_text(example)
+    task = load_targets(targets, ROOT / "machines" / "three_axis.toml").task
+    assert [len(case.modes) for case in task.cases] == [3, 3]
+    assert [len(parameter.rules) for parameter in task.parameters] == [4, 2, 4, 7]
+
+
+def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace('"stiff"', '"stif"').replace('["10 mm", "80 mm"]', '["80 mm", "10 mm"]').replace("name =", "nome =")
+    assert {problem.key for problem in problems(tmp_path, text)} >= {"nome", "cases.a.variant", "parameters.width.bounds"}
+
+
+def test_more_parameters_than_data_are_refused(tmp_path: Path) -> None:
+    extra = "".join(
+        f'[parameters.feet_{dof}]\nkeys = ["joints.feet.stiffness.{dof}"]\nbounds = ["1 N/um", "900 N/um"]\n' for dof in "xyz"
+    )
+    (problem,) = problems(tmp_path, GOOD + extra)
+    assert "3 target(s) cannot fix 4 parameters without a prior" in problem.message
+
+
+def test_a_file_whose_targets_are_all_held_out_is_refused(tmp_path: Path) -> None:
+    (problem,) = problems(tmp_path, GOOD.replace('tolerance = "2 %"', "hold_out = true"))
+    assert "nothing to fit to" in problem.message
+
+
+def test_shapes_of_elastic_components_are_refused_with_the_reason(tmp_path: Path) -> None:
+    text = GOOD.replace('"stiff"', '"fine"').replace('"joints.guide_1.at[1]"', '"components.column.solid.box[0]"')
+    (problem,) = problems(tmp_path, text)
+    assert problem.key == "parameters.width.keys[0]"
+    assert "column is elastic in variant fine" in problem.message
+    assert 'fidelity = "segmented"' in problem.message
+
+
+def test_a_mechanism_is_fitted_in_variants_of_components_only(tmp_path: Path) -> None:
+    machines = ROOT / "machines"
+    task = load_targets(machines / "tripteor_targets.toml", machines / "tripteor.toml").task
+    assert [case.held_out for case in task.cases] == [(True,) * 4, (False,) * 4, (False,) * 4]
+    assert [parameter.name for parameter in task.parameters] == ["legs_1_2", "leg_3", "frame"]
+    lumped = tmp_path / "targets.toml"
+    lumped.write_text((machines / "tripteor_targets.toml").read_text().replace('"elastic_legs+segmented"', '"lumped"', 1))
+    with pytest.raises(SceneError, match="lumped mechanism, which has no joints to fit"):
+        load_targets(lumped, machines / "tripteor.toml")

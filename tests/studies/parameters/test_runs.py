@@ -1,0 +1,209 @@
+import dataclasses
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+import headstock.studies.parameters.runs
+from headstock.geometry.errors import HeadstockError
+from headstock.meshing.errors import MeshError
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.outputs import OutputError
+from headstock.pipeline.storage.scene_content import file_digests
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.studies import Study, StudyFamily, count_points, describe_point, expand_study
+from headstock.solvers.errors import CompileError
+from headstock.studies.parameters.records import POINTS_FILE, append_record, read_records
+from headstock.studies.parameters.runs import StudyError, StudyJob, StudyProgress, check_points, hash_scene, run_study
+from headstock.studies.parameters.tables import tabulate_study
+
+COLUMN = Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml"
+SCENE = (
+    COLUMN.read_text()
+    + """
+[variants.aluminium]
+"materials.steel.E" = "70 GPa"
+[studies.grid]
+vary = { "components.column.segments.count" = [2, 3, 4], "variant" = ["", "aluminium"] }
+watch = ["static.tcp.compliance_um_per_kN[0][0]", "modal.frequencies_hz[0]"]
+[analyses.static]
+[analyses.modal]
+"""
+)
+COUNT = "components.column.segments.count"
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def make_job(path: Path, name: str = "grid", **changes) -> StudyJob:
+    scene = load_scene(path)
+    job = StudyJob(path, scene.studies[name], scene.raw, hash_scene(path))
+    return dataclasses.replace(job, **changes)
+
+
+def compute(job: StudyJob, folder: Path) -> tuple[list, list[StudyProgress]]:
+    told: list[StudyProgress] = []
+    folder.mkdir(exist_ok=True)
+    return run_study(job, folder, comm=MPI.COMM_WORLD, observer=told.append), told
+
+
+def test_a_grid_has_every_combination_and_pairs_go_together() -> None:
+    vary = {"a": (1, 2), "b": ("x", "y")}
+    grid = Study("s", (StudyFamily("", "s", {"c": 0}, vary),))
+    pairs = dataclasses.replace(grid, families=(StudyFamily("f", "F", {}, vary, pairwise=True),))
+    assert [tuple(point.varied.values()) for point in expand_study(grid)] == [(1, "x"), (1, "y"), (2, "x"), (2, "y")]
+    assert expand_study(grid)[3].settings == {"c": 0, "a": 2, "b": "y"}
+    assert [describe_point(point) for point in expand_study(pairs)] == ["f, a = 1, b = x", "f, a = 2, b = y"]
+    assert (count_points(grid), count_points(pairs)) == (4, 2)
+
+
+def test_a_point_gives_what_a_run_of_the_same_scene_gives(scene_file: Path, tmp_path: Path) -> None:
+    records, _ = compute(make_job(scene_file), tmp_path / "out")
+    table = tabulate_study(make_job(scene_file).study, records)
+    soft = [row.values["static.tcp.compliance_um_per_kN[0][0]"] for row in table.rows]
+    # 1 kN at the tip by Timoshenko, in um; exact beam springs give it with any number of segments
+    assert soft[::2] == pytest.approx([435.8276] * 3, rel=1e-5)
+    assert soft[1::2] == pytest.approx([435.8276 * 3.0] * 3, rel=1e-5)
+    rough, fine = (row.values["modal.frequencies_hz[0]"] for row in (table.rows[0], table.rows[4]))
+    assert rough > fine > 126.426
+
+
+def test_a_second_study_computes_nothing_again_and_a_changed_scene_only_what_changed(scene_file: Path, tmp_path: Path) -> None:
+    first, _ = compute(make_job(scene_file), tmp_path / "out")
+    again, told = compute(make_job(scene_file), tmp_path / "out")
+    assert [record.summary for record in again] == [record.summary for record in first]
+    assert all(progress.known for progress in told)
+    scene_file.write_text(SCENE.replace('"70 GPa"', '"71 GPa"').replace("[2, 3, 4]", "[2, 5]"))
+    _, told = compute(make_job(scene_file), tmp_path / "out")
+    assert [progress.known for progress in told] == [True, False, False, False]
+
+
+def test_a_point_that_fails_is_recorded_with_its_error_and_the_others_are_computed(scene_file: Path, tmp_path: Path) -> None:
+    study = Study("s", (StudyFamily("", "s", {}, {"joints.clamp.kind": ("rigid", "mount"), COUNT: (2, 3)}),), ("status",))
+    records, _ = compute(make_job(scene_file, study=study), tmp_path / "out")
+    assert [record.status for record in records] == ["done", "done", "failed", "failed"]
+    assert "joints.clamp" in records[2].error
+    _, told = compute(make_job(scene_file, study=study), tmp_path / "out")
+    assert [progress.known for progress in told] == [True] * 4
+    _, told = compute(make_job(scene_file, study=study, retry=True), tmp_path / "out")
+    assert [progress.known for progress in told] == [True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [OutputError("x cannot be written"), CompileError("a form could not be compiled"), MeshError("the mesh could not be written")],
+)
+def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_started_again(
+    fault: HeadstockError, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed, _ = compute(make_job(scene_file), tmp_path / "alone")
+    calls = iter(range(100))
+
+    def run(*arguments, **settings) -> Results:
+        if next(calls) == 2:
+            raise fault from OSError(errno.ENOSPC, "No space left on device")
+        return run_scene(*arguments, **settings)
+
+    monkeypatch.setattr(headstock.studies.parameters.runs, "run_scene", run)
+    with pytest.raises(type(fault), match=r"could not be|cannot be"):
+        compute(make_job(scene_file), tmp_path / "out")
+    assert len(read_records(tmp_path / "out")) == 2
+    records, told = compute(make_job(scene_file), tmp_path / "out")
+    assert [progress.known for progress in told] == [True, True, False, False, False, False]
+    assert [record.key for record in records] == [record.key for record in undisturbed]
+    for record, alone in zip(records, undisturbed, strict=True):
+        assert record.status == "done"
+        assert (record.summary["modal"], record.summary["static"]) == (alone.summary["modal"], alone.summary["static"])
+
+
+def test_values_that_do_not_fit_are_all_told_before_anything_is_computed(scene_file: Path) -> None:
+    study = Study("s", (StudyFamily("", "s", {}, {COUNT: (2, 0, 2.5)}),), ("status",))
+    with pytest.raises(SceneError) as caught:
+        check_points(make_job(scene_file, study=study))
+    assert len(caught.value.problems) == 2
+    assert all(COUNT in problem.key for problem in caught.value.problems)
+
+
+def test_a_scene_that_changes_while_its_study_runs_ends_it_by_name(scene_file: Path, tmp_path: Path) -> None:
+    job = make_job(scene_file)
+    scene_file.write_text(SCENE + "# later\n")
+    with pytest.raises(StudyError, match="changed while the study ran"):
+        compute(job, tmp_path / "out")
+
+
+def test_measured_forces_are_among_the_files_results_depend_on(tmp_path: Path) -> None:
+    (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n")
+    raw = {"analyses": {"contouring": {"forces": "measured.csv"}, "modal": {}}}
+    before = dict(file_digests(tmp_path, raw))
+    (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n0,0,0,0\n")
+    assert before.keys() == {"measured.csv"}
+    assert dict(file_digests(tmp_path, raw)) != before
+    assert dict(file_digests(tmp_path, {"analyses": {"contouring": False}})) == {}
+
+
+def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(scene_file: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    elastic = {"components.column.fidelity": "elastic", "components.column.mesh.cells": "hex", "components.column.mesh.order": 1}
+    study = Study(
+        "s", (StudyFamily("", "s", elastic, {"components.column.mesh.size": ("200 mm",)}, analyses=("static",)),), ("status",)
+    )
+    (record,), _ = compute(make_job(scene_file, study=dataclasses.replace(study, cold=True, repeats=2)), tmp_path / "cold")
+    assert len(record.seconds) == len(record.cpu_seconds) == 2
+    assert record.cached_stages == 0
+    assert not (tmp_path / "store").exists()
+    (record,), _ = compute(make_job(scene_file, study=dataclasses.replace(study, repeats=2)), tmp_path / "warm")
+    assert record.cached_stages > 0
+
+
+def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on_behind_it(scene_file: Path, tmp_path: Path) -> None:
+    records, _ = compute(make_job(scene_file), tmp_path / "out")
+    path = tmp_path / "out" / POINTS_FILE
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-40])
+    assert len(read_records(tmp_path / "out")) == len(records) - 1
+    append_record(tmp_path / "out", records[-1])
+    assert len(path.read_bytes().splitlines()) == len(records)
+    assert read_records(tmp_path / "out").keys() == {record.key for record in records}
+
+
+def test_lines_of_another_version_or_of_no_record_are_computed_anew(scene_file: Path, tmp_path: Path) -> None:
+    records, _ = compute(make_job(scene_file), tmp_path / "out")
+    path = tmp_path / "out" / POINTS_FILE
+    old = json.loads(path.read_text().splitlines()[0])
+    path.write_text("\n".join([json.dumps(old | {"format": 0}), "[]", "{}", "not json", "5", json.dumps(old | {"new": 1})]) + "\n")
+    assert read_records(tmp_path / "out") == {}
+    assert records
+
+
+def test_a_killed_study_loses_no_finished_point(scene_file: Path, tmp_path: Path) -> None:
+    counts = ", ".join(str(count) for count in range(1, 13))
+    scene_file.write_text(SCENE.replace("[2, 3, 4]", f"[{counts}]").replace("watch = [", 'analyses = "static"\nwatch = ['))
+    folder = tmp_path / "out"
+    command = [sys.executable, "-P", "-m", "headstock.app.command_line", "study", str(scene_file), "grid", "-o", str(folder)]
+    path = folder / POINTS_FILE
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline and process.poll() is None and (not path.exists() or path.read_bytes().count(b"\n") < 3):
+            time.sleep(0.005)
+        os.kill(process.pid, signal.SIGKILL)
+    finished = path.read_bytes()[: path.read_bytes().rfind(b"\n") + 1]
+    assert 3 <= finished.count(b"\n") < 24
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert path.read_bytes().startswith(finished)
+    assert path.read_bytes().count(b"\n") == 24
+    assert done.stdout.count("finished before") == finished.count(b"\n")

@@ -1,0 +1,168 @@
+"""Array jobs: the script as it is written, what is missing by task, and what Slurm says of the tasks."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import headstock.studies.sweeps.slurm_waiting
+from headstock.scene.sweep_poses import make_grid
+from headstock.studies.sweeps.slurm_jobs import (
+    FOLDER,
+    ArrayJob,
+    ScriptValueError,
+    SlurmOptions,
+    Submission,
+    list_missing,
+    log_file,
+    read_submission,
+    render_script,
+    write_submission,
+)
+from headstock.studies.sweeps.slurm_tools import SlurmError, TaskState
+from headstock.studies.sweeps.slurm_waiting import describe_missing, wait_for_array
+
+SWEEP = make_grid("line", {"X": "m"}, {"X": np.linspace(-0.2, 0.2, 9)})
+SUBMISSION = Submission("key", "17", "16", 3, (1, 2, 3))
+SCRIPT = """\
+#!/bin/sh
+# Sweep line in 3 array tasks, each with a journal of its own in poses/. Task 0 only
+# reduces the components; it comes first. Written by `headstock sweep --on slurm`, which submits and collects.
+#SBATCH --job-name=headstock-line
+#SBATCH --array=1-3
+#SBATCH --nodes=1
+#SBATCH --ntasks=2
+#SBATCH --cpus-per-task=1
+#SBATCH --chdir="/data/mine"
+#SBATCH --output="/data/100%% mine/slurm/%A_%a.log"
+#SBATCH --open-mode=append
+#SBATCH --requeue
+#SBATCH --export=HOME,USER,LOGNAME,PATH
+#SBATCH --partition=long
+#SBATCH --time=0:30:00
+#SBATCH --account=ours
+export HEADSTOCK_STORE='/data/the store'
+export HEADSTOCK_THREADS=1
+exec /opt/headstock/headstock sweep /data/a.toml line -o '/data/100% mine' --set 'joints.drive.stiffness.axial="40 N/um"' --ranks 2 \
+--key abc --part "$SLURM_ARRAY_TASK_ID/3"
+"""
+
+
+def test_the_script_says_everything_a_task_needs() -> None:
+    options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
+    changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
+    places = (Path("/opt/headstock/headstock"), Path("/data/a.toml"), "line", Path("/data/100% mine"))
+    job = ArrayJob(*places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"})
+    assert render_script(job) == SCRIPT
+
+
+ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"folder": Path(ROW)},
+        {"folder": Path('/data/x" --wrap="id')},
+        {"folder": Path("/data/it's")},
+        {"start_folder": Path(ROW)},
+        {"start_folder": Path("/data/`id`")},
+        {"scene": Path("/data/a\n.toml")},
+        {"launcher": Path("/opt/a\x1b[2J/headstock")},
+        {"sweep": "line\n#SBATCH --wrap=id"},
+        {"key": "a\nb"},
+        {"arguments": ("--set", "name=a\nb")},
+        {"environment": {"HEADSTOCK_STORE": "/data\n#SBATCH --wrap=id"}},
+        {"options": SlurmOptions(partition="long\n#SBATCH --wrap=id")},
+        {"options": SlurmOptions(partition='"long"')},
+        {"options": SlurmOptions(time_limit="1:00\r#SBATCH --wrap=id")},
+        {"options": SlurmOptions(extra=("--account=a\n#SBATCH --wrap=id",))},
+        {"options": SlurmOptions(extra=("--account=a\u2028b",))},
+    ],
+    ids=lambda change: str(change)[:60],
+)
+def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(change: dict[str, Any]) -> None:
+    job = ArrayJob(Path("/opt/headstock"), Path("/data/a.toml"), "line", Path("/data/mine"), "abc", SlurmOptions())
+    render_script(job)
+    with pytest.raises(ScriptValueError, match="no place in"):
+        render_script(dataclasses.replace(job, **change))
+
+
+def test_every_missing_pose_belongs_to_the_task_that_computes_it() -> None:
+    assert list_missing(SWEEP, (), 3) == {1: [0, 3, 6], 2: [1, 4, 7], 3: [2, 5, 8]}
+    done = {SWEEP.positions[number].tobytes() for number in (0, 1, 2, 3, 5, 6, 8)}
+    assert list_missing(SWEEP, done, 3) == {2: [4, 7]}
+    assert list_missing(SWEEP, done, 9) == {5: [4], 8: [7]}
+
+
+def test_a_submission_is_found_again_for_the_same_sweep_only(tmp_path: Path) -> None:
+    assert read_submission(tmp_path, "key") is None
+    (tmp_path / FOLDER).mkdir()
+    write_submission(tmp_path, SUBMISSION)
+    assert read_submission(tmp_path, "key") == SUBMISSION
+    assert read_submission(tmp_path, "other") is None
+
+
+def wait(monkeypatch: pytest.MonkeyPatch, *answers: "dict[int, str] | SlurmError") -> tuple[dict[int, TaskState], list[str]]:
+    """Wait while squeue gives these answers, one after the other."""
+    left, told = list(answers), []
+
+    def answer(_: str) -> dict[int, TaskState]:
+        found = left.pop(0)
+        if isinstance(found, SlurmError):
+            raise found
+        return {task: TaskState(*text.split(" ")) for task, text in found.items()}
+
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "read_states", answer)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "SHORTEST_SECONDS", 0.0)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "MOST_SILENCES", 2)
+    states = wait_for_array(SUBMISSION, told.append)
+    assert not left
+    return states, told
+
+
+def test_waiting_ends_when_every_task_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    states, told = wait(
+        monkeypatch,
+        {1: "PENDING Resources", 2: "PENDING Resources"},
+        {1: "RUNNING None", 2: "PENDING Resources"},
+        {1: "RUNNING None", 2: "PENDING Resources"},
+        {1: "COMPLETED None", 2: "COMPLETED None"},
+    )
+    assert {state.state for state in states.values()} == {"COMPLETED"}
+    assert told == ["2 pending (Resources)", "1 pending (Resources), 1 running", "2 completed"]
+
+
+def test_a_task_put_back_into_the_queue_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    states, _ = wait(monkeypatch, {1: "NODE_FAIL None"}, {1: "PENDING BeginTime"}, {1: "RUNNING None"}, {1: "COMPLETED None"})
+    assert states[1].state == "COMPLETED"
+
+
+def test_a_job_slurm_has_forgotten_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert wait(monkeypatch, {1: "RUNNING None"}, {}, {})[0][1].state == "RUNNING"
+
+
+def test_a_controller_that_restarts_is_waited_for_and_one_that_is_gone_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    silence = SlurmError("squeue ended with 1: Unable to contact slurm controller")
+    assert wait(monkeypatch, {1: "RUNNING None"}, silence, {1: "COMPLETED None"})[0][1].state == "COMPLETED"
+    with pytest.raises(SlurmError, match="job 17 can no longer be watched: squeue ended with 1: Unable to contact"):
+        wait(monkeypatch, silence, silence, silence)
+
+
+def test_what_is_missing_is_told_with_state_and_log(tmp_path: Path) -> None:
+    (tmp_path / FOLDER).mkdir()
+    log_file(tmp_path, "17", 2).write_text("begun\nslurmstepd: error: CANCELLED\n\n")
+    states = {1: TaskState("COMPLETED", ""), 2: TaskState("CANCELLED", "")}
+    lines = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1, 4, 7], 3: [8]}, states).splitlines()
+    assert lines == [
+        "4 of 9 poses are not computed:",
+        f"  task 2 (cancelled): X -150 mm; X 0 mm; X 150 mm; log {log_file(tmp_path, '17', 2)}: slurmstepd: error: CANCELLED",
+        f"  task 3 (forgotten by Slurm): X 200 mm; it left no log {log_file(tmp_path, '17', 3)}",
+        "finished poses are kept; the same command again submits only these tasks",
+    ]
+    log_file(tmp_path, "17", 2).unlink()
+    log_file(tmp_path, "16", 0).write_text("ModelError: no mesh\n")
+    told = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1]}, {})
+    assert f"job 16 (components); log {log_file(tmp_path, '16', 0)}: ModelError: no mesh" in told

@@ -1,0 +1,172 @@
+"""Variants of a small machine side by side: the same modes in one row, what a variant lacks is missing, costs are counted."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.parts.components import Fidelity
+from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.store import Store
+from headstock.scene.reading.findings import SceneError
+from headstock.studies.comparison import Comparison, compare_variants
+from headstock.studies.comparison_summary import summarise_comparison
+from headstock.studies.variant_choices import choose_variants
+from headstock.studies.variants import STEPS, VariantSolution, solve_variant
+
+SCENE = """
+name = "A column on a block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["200 mm", "200 mm", "100 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.block.interfaces]
+foot = { face = "z-" }
+top = { face = "z+", rect = { center = ["0 mm", "0 mm"], size = ["40 mm", "60 mm"] } }
+[components.column]
+solid = { box = ["40 mm", "60 mm", "500 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "100 mm"]
+mesh = { size = "40 mm", cells = "hex" }
+[components.column.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+", coupling = "average" }
+[joints.mount]
+between = ["ground", "block.foot"]
+kind = "mount"
+stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
+[joints.bolts]
+between = ["block.top", "column.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[variants.E]
+"components.column.fidelity" = "elastic"
+[variants.S]
+"components.column.fidelity" = "segmented"
+[variants.R]
+"components.column.fidelity" = "rigid"
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 9
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def solve(scene: Path, name: str) -> VariantSolution:
+    choice = choose_variants(scene, (name,))[0]
+    solution = solve_variant(scene, choice, pose=None, comm=MPI.COMM_SELF, store=Store(scene.parent / "store"))
+    assert solution is not None
+    return solution
+
+
+def compare(scene: Path, *names: str) -> Comparison:
+    return compare_variants([solve(scene, name) for name in names], scene="column")
+
+
+def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_bends(scene: Path) -> None:
+    found = compare(scene, "R", "S", "E")
+    assert found.reference == "E" and list(found.solutions) == ["R", "S", "E"]
+    rows = [row for row in found.rows if row.origin == "E"][:9]
+    for row in rows:
+        assert row.cells["S"].correlation is not None and row.cells["S"].correlation > 0.95
+        assert row.cells["S"].deviation == pytest.approx(0.0, abs=0.03)
+    bending = [row for row in rows if "column bend" in row.name]
+    assert bending and all("R" not in row.cells or (row.cells["R"].correlation or 0.0) < 0.9 for row in bending)
+    # two rigid bodies held together have six modes and no more
+    assert sum("R" not in row.cells for row in rows) >= 3
+
+
+def test_every_mode_of_every_variant_is_in_one_row_and_in_one_only(scene: Path) -> None:
+    found = compare(scene, "E", "S", "R")
+    for name, solution in found.solutions.items():
+        numbers = [row.cells[name].index for row in found.rows if name in row.cells]
+        assert len(numbers) == len(set(numbers))
+        assert set(range(solution.wanted)) <= set(numbers)
+    assert [row.frequency_hz for row in found.rows] == sorted(row.frequency_hz for row in found.rows)
+
+
+def test_a_variant_held_against_itself_deviates_by_nothing(scene: Path) -> None:
+    one = solve(scene, "S")
+    twin = solve(scene, "as written")
+    found = compare_variants([one, twin], scene="column", reference="S")
+    assert all(row.origin == "S" for row in found.rows if row.cells.get("S") is not None)
+    again = compare_variants([one], scene="column")
+    assert len(again.rows) == one.wanted
+    assert all(list(row.cells) == ["S"] and row.cells["S"].deviation is None for row in again.rows)
+
+
+def test_the_summary_is_strict_json_with_every_variant_in_every_row(scene: Path) -> None:
+    summary = summarise_comparison(compare(scene, "E", "R"))
+    dump_json(summary)
+    assert all(list(row["variants"]) == ["E", "R"] for row in summary["modes"])
+    variant = summary["variants"]["R"]
+    assert variant["fidelity"] == {"block": "rigid", "column": "rigid"} and variant["full_dofs"] == 12
+    assert set(variant["static"]["tcp"]["weak_link"].values()) == {None}, (
+        "nothing but the mount gives way: there is no weakest part among one"
+    )
+    link = summary["variants"]["E"]["static"]["tcp"]["weak_link"]["x"]
+    assert link["name"] in ("mount", "column") and 0.5 < link["share"] < 1.0, "the larger of two shares"
+    softer = summary["variants"]["E"]["static"]["tcp"]["compliance_um_per_kN"][0][0]
+    assert softer > variant["static"]["tcp"]["compliance_um_per_kN"][0][0]
+
+
+def test_effort_counts_every_step_and_says_what_came_from_the_store(scene: Path) -> None:
+    cold, warm = solve(scene, "E").effort, solve(scene, "E").effort
+    assert tuple(cold.seconds) == tuple(cold.cpu_seconds) == STEPS
+    assert (cold.reduced, cold.stored) == (1, 0) and (warm.reduced, warm.stored) == (1, 1)
+    assert warm.import_seconds == 0.0 and warm.total == pytest.approx(sum(warm.seconds.values()))
+
+
+def test_modes_beyond_the_limit_are_shown_only_as_partners(scene: Path) -> None:
+    scene.write_text(SCENE.replace("count = 9", 'up_to = "150 Hz"'))
+    found = compare(scene, "E", "R")
+    for name, solution in found.solutions.items():
+        assert solution.modal is not None
+        assert solution.wanted == np.count_nonzero(solution.modal.frequencies_hz <= 150.0)
+        assert solution.wanted < len(solution.modal.frequencies_hz), name
+    for row in found.rows:
+        assert min(cell.frequency_hz for cell in row.cells.values()) <= 150.0
+
+
+def test_a_mechanism_is_told_and_its_modes_are_compared_all_the_same(scene: Path) -> None:
+    scene.write_text(SCENE.replace('horizontal = "60 N/um"', 'horizontal = "0 N/um"'))
+    solution = solve(scene, "R")
+    compliance = solution.points["tcp"].compliance
+    assert np.isnan(compliance[0, 0]) and compliance[2, 2] > 0.0, "loads along the free motions have no answer, others have theirs"
+    assert compare_variants([solution], scene="column").rows
+
+
+def test_the_scene_as_written_is_left_out_where_a_variant_is_the_same(scene: Path) -> None:
+    assert [choice.name for choice in choose_variants(scene)] == ["as written", "E", "S", "R"]
+    scene.write_text(SCENE.replace('mesh = { size = "40 mm", cells = "hex" }', 'fidelity = "elastic"'))
+    assert [choice.name for choice in choose_variants(scene)] == ["E", "S", "R"]
+
+
+def test_each_variant_is_taken_with_every_fidelity_asked_for(scene: Path) -> None:
+    fidelities: list[Fidelity] = ["segmented", "elastic"]
+    choices = choose_variants(scene, ("E", "R", "S+E"), fidelities=fidelities)
+    assert [choice.name for choice in choices] == ["E segmented", "E elastic", "R", "S+E segmented", "S+E elastic"]
+    assert choices[0].overrides == ("components.column.fidelity=segmented",)
+
+
+def test_the_problems_of_all_variants_are_told_at_once_before_anything_is_computed(scene: Path) -> None:
+    hollow = 'solid = { column = { size = ["40 mm", "60 mm", "500 mm"], wall = "4 mm", cap = "4 mm" } }'
+    solid = 'solid = { box = ["40 mm", "60 mm", "500 mm"] }'
+    scene.write_text(SCENE.replace(solid, hollow).replace(', cells = "hex"', ""))
+    with pytest.raises(SceneError) as caught:
+        choose_variants(scene, ("S", "Q"))
+    told = str(caught.value)
+    assert "cannot be segmented" in told and "unknown variant 'Q'" in told

@@ -1,0 +1,90 @@
+"""What an effect moves and costs is what two runs differ by."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from headstock.app.actions.effecting import show_share, tell_trial
+from headstock.app.command_line import main
+from headstock.pipeline.storage.store import Store
+from headstock.studies.effect_answers import Change, compare_answers, list_answers
+from headstock.studies.effects import EffectTrial, ScenePlan, rank_trials, try_effects
+
+SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
+EMPTY = {"modal": [], "static": {}}
+
+
+def modal(*frequencies: float) -> dict[str, object]:
+    return {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}}
+
+
+def test_a_frequency_is_held_against_itself_and_a_vector_against_its_largest_entry() -> None:
+    (change,) = compare_answers(modal(50.0, 100.0), modal(51.5, 98.0))
+    assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
+    assert change.share == pytest.approx(1.5 / 51.5)
+    points = [{"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}} for x in (10.0, 11.0)]
+    vector = next(change for change in compare_answers(*points) if change.answer == "static compliance")
+    assert vector.share == pytest.approx(1.0 / 11.0) and vector.without == 10.0
+    assert list_answers(modal(50.0))["frequencies"]["pose p"].tolist() == [50.0]
+
+
+def test_an_answer_that_only_one_run_has_is_a_change_of_all_of_it() -> None:
+    (change,) = compare_answers(EMPTY, modal(50.0))
+    assert (change.share, change.without, change.present) == (1.0, None, 50.0)
+    assert compare_answers(EMPTY, EMPTY) == []
+
+
+@pytest.mark.parametrize(("named", "share", "advice"), [
+    (True, 0.0, "moves nothing that was asked for"), (True, 2e-4, "leave it out"), (True, 5e-3, "keep it for the third digit"),
+    (True, 0.3, "keep it"), (False, 2e-4, "rightly left out"), (False, 0.3, "name it"),
+])  # fmt: skip
+def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: str) -> None:
+    trial = EffectTrial("coriolis", named, (Change("contour gap", share, "face 1", 10.0, 10.0 * (1.0 + share)),), 10.0, 6.2, 0.05)
+    assert trial.advice == advice
+    if share:
+        assert tell_trial(trial) == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
+
+
+def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
+    assert (
+        tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2))
+        == "coriolis: moves nothing that was asked for (10 s with, 6.2 s without)"
+    )
+
+
+def test_time_within_the_noise_is_no_cost() -> None:
+    change = Change("contour gap", 0.1, "face 1", 1.0, 1.1)
+    assert EffectTrial("damping", True, (change,), 10.0, 9.0, 0.2).time_share == 0.0
+    assert EffectTrial("damping", True, (change,), 10.0, 5.0, 0.2).time_share == 0.5
+    assert [show_share(share) for share in (0.0, 2e-6, 2e-4, 0.123, 1.0)] == ["0 %", "2e-04 %", "0.02 %", "12 %", "100 %"]
+
+
+def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> None:
+    plan = ScenePlan(SCENE, "lumped", ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'), ("static",))
+    trials = {trial.effect: trial for trial in try_effects(plan, Store(tmp_path))}
+    gravity = trials["gravity"]
+    assert gravity.named and gravity.changes[0].answer == "displacement under loads" and gravity.changes[0].without == 0.0
+    assert gravity.changes[0].present is not None and gravity.changes[0].present < -50.0
+    assert trials["coriolis"].largest == 0.0 and "describe one in [drives.NAME]" in trials["friction"].obstacle
+    ranked = [trial.effect for trial in rank_trials(list(trials.values()))]
+    assert ranked[0] == "gravity" and trials[ranked[-1]].obstacle
+
+
+def test_the_command_refuses_what_it_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", str(SCENE), "--analysis", "frf"]) == 2
+    assert "has no [analyses.frf]" in capsys.readouterr().err
+    assert main(["effects", str(tmp_path / "none.toml")]) == 2
+
+
+def test_the_command_writes_what_it_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    target = tmp_path / "effects.json"
+    arguments = ["effects", str(SCENE), "--analysis", "static", "--set", 'analyses.static.poses="config_1"', "--json", str(target)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "gravity: 100 % of displacement under loads" in printed
+    found = json.loads(target.read_text())["effects"]
+    assert found[0]["effect"] == "gravity" and found[0]["advice"] == "keep it"

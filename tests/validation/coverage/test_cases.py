@@ -1,0 +1,58 @@
+"""The suite that says how often ± covers the truth."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from headstock.validation.coverage import cases
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
+from headstock.validation.coverage.parts import KINDS, draw_part
+from headstock.validation.coverage.runs import PartCoverage, measure_part
+
+
+def made_up(seed, errors, estimates, lines):
+    count = len(errors)
+    return PartCoverage(
+        seed, "block", np.zeros(count), np.array(errors), np.array(estimates), np.full(count, 1e-6), np.array(lines)
+    )
+
+
+def judged(parts):
+    return {row.quantity.split(": ")[1]: row for row in cases._judge("coverage", "some", parts)}
+
+
+def test_every_kind_of_part_is_in_both_halves_which_share_none():
+    assert not set(CALIBRATION) & set(HOLD_OUT)
+    for half in (CALIBRATION, HOLD_OUT):
+        assert {seed % len(KINDS) for seed in half} == set(range(len(KINDS)))
+
+
+def test_a_seed_draws_the_same_part_again(tmp_path):
+    one, other = (draw_part(20, tmp_path) for _ in range(2))
+    parts = [drawn.machine.components["part"] for drawn in (one, other)]
+    assert parts[0].solid == parts[1].solid
+    assert parts[0].interfaces == parts[1].interfaces
+    assert one.meshes == other.meshes
+
+
+def test_coverage_counts_numbers_parts_and_lines():
+    good = made_up(0, [1e-2] * 20, [2e-2] * 20, [1.0, 0.96])
+    poor = made_up(1, [1e-2] * 10, [2e-2] * 8 + [5e-3, np.nan], [0.9, 0.2])
+    rows = judged([good, poor])
+    assert rows["share of numbers that ± does not cover"].value == pytest.approx(1.0 / 29.0)
+    assert rows["share of numbers that ± does not cover"].passed
+    assert "1 say ± ?" in rows["share of numbers that ± does not cover"].note
+    assert rows["coverage by part, mean"].value == pytest.approx((1.0 + 8.0 / 9.0) / 2.0)
+    assert rows["parts with 95 % of their numbers covered"].value == 0.5
+    assert rows["± over true error, median"].value == pytest.approx(2.0)
+    assert not rows["share of frequency responses without 95 % of their lines covered"].passed
+
+
+def test_a_part_is_covered_on_its_meshes(tmp_path):
+    part = draw_part(27, tmp_path)
+    found = measure_part(dataclasses.replace(part, meshes=part.meshes[:1]))
+    assert found.failure == ""
+    assert len(found.errors) == 11
+    assert (found.errors <= found.estimates).mean() >= 0.9
+    assert (found.lines > 0.9).all()

@@ -1,0 +1,13 @@
+"""The second road to a path deviation agrees with the first."""
+
+import numpy as np
+
+from headstock.validation.machines.path_cases_2 import ROADS_TOLERANCE, compare_roads
+
+
+def test_absolute_coordinates_coupled_anew_agree_with_carried_modes() -> None:
+    first, second, frozen = compare_roads()
+    size = np.abs(second).max()
+    assert np.abs(first - second).max() < ROADS_TOLERANCE * size
+    # and the pose that is kept is told apart
+    assert np.abs(frozen - second).max() > 20.0 * ROADS_TOLERANCE * size

@@ -1,0 +1,19 @@
+"""Regenerative stability by second roads; ``headstock validate milling-stability`` takes finer steps."""
+
+from mpi4py import MPI
+
+from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
+
+
+def test_multipliers_meet_closed_forms_and_a_marched_motion() -> None:
+    rows = check_stability_methods(MPI.COMM_SELF, 400)
+    assert len(rows) == 18
+    assert [row for row in rows if not row.passed] == []
+
+
+def test_faces_across_x_chatter_first_and_face_3_hardly_before_face_1() -> None:
+    rows = check_contour_stability(MPI.COMM_SELF)
+    assert [row for row in rows if not row.passed] == []
+    limits = {row.quantity: row.value for row in rows if "limit depth on face" in row.quantity}
+    one, two, three, four = (limits[f"al7075-t6: limit depth on face {face}"] for face in (1, 2, 3, 4))
+    assert 10.0 < three < one < 0.6 * min(two, four)

@@ -1,0 +1,149 @@
+"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished is lost, the end is that of an undisturbed one."""
+
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from headstock.pipeline.storage.outputs import LIST_FILE
+from headstock.validation.campaigns.campaign_outcome import CampaignError
+from headstock.validation.campaigns.disk_run_trials import MOST_ROOM, SHARED, TEMPORARY, require_named
+from headstock.validation.campaigns.file_checks import check_file
+from headstock.validation.campaigns.limited_rooms import limited_room
+from headstock.validation.campaigns.resume import SCENE as LONG_SCENE
+from headstock.validation.campaigns.resume import find_difference, read_content, start_resumable
+from headstock.validation.campaigns.runs import wait_for_end
+
+RESUMED = ("sweep", "study", "sweep on 2 ranks")
+OLD = "old"
+# an elastic part, so that the store has something to keep; fewer poses; and another material for the result that was there before
+SCENE = (
+    LONG_SCENE.replace('fidelity = "rigid"', 'mesh = { size = "75 mm" }')
+    .replace('"200 mm", 500]', '"200 mm", 60]')
+    .replace("[6, 7, 8, 9, 10, 11, 12, 13]", '[6, 7, 8], "components.slide.mesh.size" = ["75 mm", "60 mm"]')
+    + f'[variants.{OLD}]\n"materials.steel.rho" = "7000 kg/m^3"\n'
+)
+# written while poses and points are finished, one whole record after the other
+GROWING = (".journal", ".jsonl")
+# hold seconds
+TIMED = ("points.jsonl", "study.csv", "study.json")
+EXTRA_ROOM = 0.5  # of what is needed, from one start of a trial to the next
+MOST_STARTS = 4
+
+Bytes = dict[str, bytes]
+# folder of scene and store, folder of results, kind, variant, environment; exit code and what was said on standard error
+Start = Callable[[Path, Path, str, str | None, Mapping[str, str]], tuple[int, str]]
+
+
+class ResumeTrials:
+    """Sweeps or studies over the finished result of another variant.
+
+    Attributes:
+        results: What an undisturbed one left.
+    """
+
+    def __init__(self, root: Path, kind: str, *, limited_files: bool, scene: str = SCENE, start: Start | None = None) -> None:
+        """Leave both variants undisturbed once.
+
+        Args:
+            root: Folder to work in.
+            kind: One of ``RESUMED``.
+            limited_files: Limit the size of each file, where no small disk can be made.
+            scene: With the sweep, the study and the variant of ``SCENE``.
+            start: How one is started; in a process of its own unless told otherwise.
+
+        Raises:
+            CampaignError: One of them does not work.
+        """
+        self._kind, self._limited_files, self._scene, self._run = kind, limited_files, scene, start or _run_process
+        self._old, self.results = root / "old", root / "results"
+        root.mkdir(parents=True)
+        for variant, folder in ((OLD, self._old), (None, self.results)):
+            if variant is None:
+                shutil.copytree(self._old, self.results)
+            code, said = self._start(root, folder, variant)
+            if code:
+                raise CampaignError(f"an undisturbed {kind} ended with {code}: {said}")
+        self._expected, self._content = _read_files(self.results), read_content(self.results)
+        self._before = _read_files(self._old)
+        self._growing = sum(len(content) for content in _read_growing(self.results).values())
+        store = sum(path.stat().st_size for path in (root / "store").rglob("*.h5"))
+        self._needed = store + sum(path.stat().st_size for path in self.results.rglob("*") if path.is_file())
+
+    def attempt(self, folder: Path, share: float, turn: int) -> str:
+        """Start with a share of the room needed, and again with more until it ends well; how it ended, in words.
+
+        Raises:
+            CampaignError: An end without a named error, a torn file, a finished pose or point lost, another content in the end.
+        """
+        # Open MPI keeps files of its own where temporary files are
+        choices = SHARED if "ranks" not in self._kind else [names for names in SHARED if TEMPORARY not in names]
+        shared = choices[turn % len(choices)]
+        (folder / "store").mkdir(parents=True)
+        (folder / TEMPORARY).mkdir()
+        # every other disk is full while poses and points are finished, the others at any time
+        room = int(share * (1.1 * self._growing if turn % 2 else MOST_ROOM * self._needed))
+        with limited_room(folder, ("results", *shared), limited_files=self._limited_files) as set_room:
+            shutil.copytree(self._old, folder / "results", dirs_exist_ok=True)
+            said_before: list[str] = []
+            for start in range(MOST_STARTS):
+                last = start == MOST_STARTS - 1
+                set_room(None if last else room + int(start * EXTRA_ROOM * self._needed))
+                finished = _read_growing(folder / "results")
+                code, said = self._start(folder, folder / "results", None, own_cache=TEMPORARY in shared)
+                self._check_remains(folder / "results", finished)
+                if code == 0:
+                    self._require_whole(folder / "results")
+                    return f"the right result after {', '.join(said_before)}" if start else "enough room: the right result"
+                require_named(code, said)
+                said_before.append(said.partition(":")[0].splitlines()[-1])
+        raise CampaignError("it ended with 1 and enough room")
+
+    def _start(self, root: Path, folder: Path, variant: str | None, *, own_cache: bool = False) -> tuple[int, str]:
+        (root / "scene.toml").write_text(self._scene)
+        (root / TEMPORARY).mkdir(exist_ok=True)
+        places = {"TMPDIR": str(root / TEMPORARY)} | ({"XDG_CACHE_HOME": str(root / TEMPORARY / "cache")} if own_cache else {})
+        return self._run(root, folder, self._kind, variant, places)
+
+    def _check_remains(self, results: Path, finished: Bytes) -> None:
+        """Every file is whole, and the old or the new one; what was finished before the start is there still."""
+        for name, content in _read_files(results).items():
+            if Path(name).name.startswith("."):
+                raise CampaignError(f"a temporary stayed behind: {name}")
+            if name in TIMED:
+                check_file(results / name)
+            elif content not in (self._before.get(name), self._expected.get(name)):
+                raise CampaignError(f"{name} is neither the old nor the new one")
+        growing = _read_growing(results)
+        for name, content in finished.items():
+            if name in growing and not growing[name].startswith(content):
+                raise CampaignError(f"{name} lost what was finished before")
+
+    def _require_whole(self, results: Path) -> None:
+        found = _read_files(results)
+        if found.keys() != self._expected.keys():
+            raise CampaignError(f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}")
+        for name, content in self._expected.items():
+            if name not in TIMED and found[name] != content:
+                raise CampaignError(f"{name} differs from that of an undisturbed one")
+        if self._kind == "study" and (difference := find_difference(read_content(results), self._content)):
+            raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
+
+
+def _read_files(folder: Path) -> Bytes:
+    """Content of every file that does not grow by records, by its name."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != LIST_FILE and path.suffix not in GROWING
+    }
+
+
+def _read_growing(folder: Path) -> Bytes:
+    return {path.name: path.read_bytes() for suffix in GROWING for path in sorted(folder.rglob(f"*{suffix}"))}
+
+
+def _run_process(root: Path, folder: Path, kind: str, variant: str | None, places: Mapping[str, str]) -> tuple[int, str]:
+    process = start_resumable(root, folder, kind, variant=variant, environment={**os.environ, **places})
+    said = wait_for_end(process)
+    return process.returncode, said

@@ -1,0 +1,165 @@
+"""Mesh, superelement, STEP, force, path and target files damaged at random: read, or refused by name; the process that asks never falls."""
+
+import random
+import resource
+from collections.abc import Callable
+from pathlib import Path
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import MeshFile, StepFile
+from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.pipeline.planning.resources_2 import peak_memory_mb
+from headstock.pipeline.storage.superelements import read_superelement
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.reading.forces import read_forces
+from headstock.studies.identification.target_files_2 import load_targets
+from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
+from headstock.validation.campaigns.mutations import mutate_bytes, mutate_text
+from headstock.validation.campaigns.sample_files import write_samples
+from headstock.validation.campaigns.scene_fuzz import MACHINES
+
+SECONDS_ALLOWED = 10.0
+MB_ALLOWED = 1024.0
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+FORCES, PATH, TARGETS = "forces.csv", "path.csv", "targets.toml"
+KINDS = ("part.msh", "part.inp", "part.bdf", "part.h5", FORCES, PATH, TARGETS)
+STEP = "part.step"
+STEP_EVERY = 10  # the shipped STEP part takes a second to read
+# beside the path: a rotary axis and one without limits; small enough to load in milliseconds
+PATH_SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.slide]
+solid = { box = ["150 mm", "120 mm", "60 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.slide.interfaces]
+bottom = { face = "z-" }
+[components.table]
+solid = { box = ["150 mm", "120 mm", "60 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "60 mm"]
+fidelity = "rigid"
+[components.table.interfaces]
+bottom = { face = "z-" }
+[joints.guide]
+between = ["slide.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
+[joints.turn]
+between = ["table.bottom", "slide.top"]
+kind = "spring"
+stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
+[components.slide.interfaces.top]
+face = "z+"
+[axes.X]
+joints = ["guide"]
+direction = "x"
+[axes.C]
+joints = ["turn"]
+direction = "z"
+kind = "rotary"
+limits = ["-180 deg", "180 deg"]
+[points]
+tcp = { tool = "table.bottom", work = "ground" }
+[sweeps.way]
+path = "path.csv"
+step = "5 mm"
+[sweeps.rows]
+path = "path.csv"
+[analyses.modal]
+"""
+
+
+def run_file_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+    """Read damaged files of each kind in turn.
+
+    A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor time, or a process that grows beyond
+    ``MB_ALLOWED``. Readers of superelements, forces, paths and targets run in this process, the first once a child has survived the file.
+
+    Args:
+        runs: How many files.
+        seed: Of the damage.
+        root: Empty folder to work in.
+        on_trial: Told after each file.
+
+    Raises:
+        CampaignError: A sound file is refused.
+    """
+    outcome, samples, earlier_mb = CampaignOutcome("files"), write_samples(root), _largest_child_mb()
+    (root / "scene.toml").write_text(PATH_SCENE)
+    steps = sorted(MACHINES.glob("*.step"))
+    if steps:
+        samples[STEP] = steps[0].read_bytes()
+    samples[TARGETS] = (MACHINES / "three_axis_targets.toml").read_bytes()
+    for kind, content in samples.items():
+        ending = try_file(root / kind, content)
+        if ending != "read":
+            raise CampaignError(f"a sound {kind} is not read: {ending}")
+    for number in range(runs):
+        kind = STEP if steps and number % STEP_EVERY == 0 else KINDS[number % len(KINDS)]
+        damaged = _damage(kind, samples[kind], random.Random(f"{seed}/{number}"))
+        before = _used_seconds()
+        try:
+            ending = try_file(root / kind, damaged)
+        except Exception as error:
+            ending = f"{type(error).__name__}: {str(error)[:300]}"
+            outcome.faults.append(f"file {number} ({kind}): {ending}")
+        seconds = _used_seconds() - before
+        outcome.note_trial(f"{kind} {ending.partition(':')[0]}", seconds=seconds)
+        if seconds > SECONDS_ALLOWED:
+            outcome.faults.append(f"file {number} ({kind}) took {seconds:.1f} s")
+        on_trial(outcome)
+    outcome.peak_mb = _largest_child_mb()
+    # the largest of all children there ever were, each starting at the size of the process that forked it
+    if outcome.peak_mb > max(MB_ALLOWED, earlier_mb, peak_memory_mb()):
+        outcome.faults.append(f"a reader grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed")
+    return outcome
+
+
+def try_file(path: Path, content: bytes) -> str:
+    """Write and read a file as a scene would; how it ended.
+
+    Raises:
+        Exception: Whatever no reader should raise.
+    """
+    path.write_bytes(content)
+    try:
+        if path.suffix == ".h5":
+            read_superelement(path)
+        elif path.name == FORCES:
+            read_forces(path)
+        elif path.name == PATH:
+            load_scene(path.with_name("scene.toml"))
+        elif path.name == TARGETS:
+            load_targets(path, MACHINES / "three_axis.toml")
+        elif path.suffix == ".step":
+            describe_component(Component("part", StepFile(path), STEEL))
+        else:
+            mesh_component(Component("part", MeshFile(path, 1.0), STEEL))
+    except (HeadstockError, SceneError) as error:
+        return f"refused: {error}"
+    return "read"
+
+
+def _damage(kind: str, content: bytes, chance: random.Random) -> bytes:
+    # half of the paths as a hand damages text, the others as a disk does
+    if kind != TARGETS and not (kind == PATH and chance.random() < 0.5):
+        return mutate_bytes(content, chance)
+    text = content.decode()
+    return mutate_text(text, (text,), chance).encode(errors="surrogatepass")
+
+
+def _used_seconds() -> float:
+    """Processor time of this process and of all children that ended."""
+    usages = (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def _largest_child_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0

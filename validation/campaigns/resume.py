@@ -1,0 +1,243 @@
+"""Sweeps and studies killed at random times and started again: they end with the content of one that was left alone."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from headstock.studies.sweeps.journals import count_poses
+from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
+from headstock.validation.campaigns.runs import wait_for_end
+
+SCENE = """
+name = "Resumed"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bed]
+solid = { box = ["600 mm", "80 mm", "50 mm"] }
+material = "steel"
+fidelity = "segmented"
+segments = { count = 10 }
+[components.bed.interfaces]
+rail = { face = "z+", rail = { along = "x" } }
+foot = { face = "z-" }
+[components.slide]
+solid = { box = ["150 mm", "120 mm", "60 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "60 mm"]
+fidelity = "rigid"
+[components.slide.interfaces]
+bottom = { face = "z-" }
+[joints.foot]
+between = ["bed.foot", "ground"]
+kind = "spring"
+stiffness = { x = "50 N/um", y = "60 N/um", z = "70 N/um", rx = "1 kN m/mrad", ry = "1 kN m/mrad", rz = "1 kN m/mrad" }
+[joints.carriage]
+between = ["slide.bottom", "bed.rail"]
+kind = "spring"
+length = "120 mm"
+stiffness = { x = "80 N/um", y = "90 N/um", z = "150 N/um", rx = "90 N m/mrad", ry = "200 N m/mrad", rz = "150 N m/mrad" }
+[axes.X]
+joints = ["carriage"]
+direction = "x"
+[points]
+tcp = { tool = "slide.bottom", work = "ground" }
+[sweeps.line]
+axes = { X = ["-200 mm", "200 mm", 500] }
+[studies.grid]
+vary = { "components.bed.segments.count" = [6, 7, 8, 9, 10, 11, 12, 13] }
+watch = ["modal.frequencies_hz[0:3]", "static.tcp.compliance_um_per_kN[0][0]"]
+[analyses.static]
+[analyses.modal]
+count = 5
+"""
+NAMES = {"sweep": "line", "study": "grid"}
+# what is run in turn; the last on two ranks, of which one is killed
+KINDS = ("sweep", "study", "sweep on 2 ranks")
+POLL_SECONDS = 0.005
+EQUAL, SINGLE = 1e-10, 1e-4  # of numbers, and of shapes in single precision
+
+Content = dict[str, Any]
+
+
+def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+    """Kill a sweep or a study with signal 9 and start it again, until it ends; then begin anew.
+
+    Args:
+        runs: How many are killed.
+        seed: Of the random times.
+        root: Empty folder to work in.
+        on_trial: Told after each kill.
+
+    Raises:
+        CampaignError: Not even an undisturbed one works.
+    """
+    chance, outcome = random.Random(seed), CampaignOutcome("resume")
+    (root / "scene.toml").write_text(SCENE)
+    kinds = [kind for kind in KINDS if shutil.which("mpirun") or "ranks" not in kind]
+    expected = {kind: _leave_alone(root, kind) for kind in kinds}
+    for trial in range(runs):
+        kind = kinds[trial % len(kinds)]
+        folder = root / kind.replace(" ", "-")
+        try:
+            finished_before = _count_finished(folder)
+            ending = _kill_one(start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1]))
+            outcome.note_trial(f"{kind}: {ending}")
+            if _count_finished(folder) < finished_before:
+                raise CampaignError("finished ones were lost")
+            if ending == "had ended before the kill" or chance.random() < 0.3:
+                _finish(root, folder, kind, expected[kind][0])
+        except CampaignError as error:
+            outcome.faults.append(f"kill {trial + 1} ({kind}): {error}")
+        on_trial(outcome)
+    for kind in kinds:
+        try:
+            _finish(root, root / kind.replace(" ", "-"), kind, expected[kind][0])
+        except CampaignError as error:
+            outcome.faults.append(f"at the end ({kind}): {error}")
+    return outcome
+
+
+def read_content(folder: Path) -> Content:
+    """What a sweep or a study found, without what it cost: names and their arrays, words or JSON.
+
+    Raises:
+        CampaignError: A file is missing or torn.
+    """
+    try:
+        if (folder / "sweep.h5").is_file():
+            with h5py.File(folder / "sweep.h5") as file:
+                return _read_arrays(file)
+        records = [json.loads(line) for line in (folder / "points.jsonl").read_text().splitlines()]
+        listing = json.loads((folder / "study.json").read_text())
+    except (OSError, ValueError) as error:
+        raise CampaignError(f"{folder} is torn: {error}") from error
+    kept: Content = {
+        record["key"]: json.dumps([record["status"], record["summary"]["modal"], record["summary"]["static"]]) for record in records
+    }
+    return kept | {"rows": str(len(listing["rows"]))}
+
+
+def _read_arrays(file: h5py.File) -> Content:
+    found: Content = {str(name): str(value) for name, value in file.attrs.items()}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    file.visititems(keep)
+    return found
+
+
+def find_difference(found: Content, expected: Content) -> str:
+    """The first name whose content differs, by more than ``EQUAL`` of its largest number where it has numbers; empty for none."""
+    if found.keys() != expected.keys():
+        return f"other names: {sorted(found.keys() ^ expected.keys())[:3]}"
+    for name, value in expected.items():
+        other = found[name]
+        if isinstance(value, str) or isinstance(other, str) or value.dtype.kind != "f" or np.shape(value) != np.shape(other):
+            if not np.array_equal(value, other):
+                return f"{name} differs"
+            continue
+        limit = SINGLE if value.dtype == np.float32 else EQUAL
+        error = np.abs(value - other) / max(float(np.nanmax(np.abs(value), initial=0.0)), 1e-300)
+        if not np.array_equal(np.isnan(value), np.isnan(other)) or np.nanmax(error, initial=0.0) > limit:
+            return f"{name} differs by {np.nanmax(error, initial=0.0):.2g} of its largest number"
+    return ""
+
+
+def _leave_alone(root: Path, kind: str) -> tuple[Content, float]:
+    """Content of an undisturbed one, and its seconds once everything is loaded."""
+    folder, seconds = root / "alone", 0.0
+    for _ in range(2):
+        shutil.rmtree(folder, ignore_errors=True)
+        start = time.perf_counter()
+        _require_done(start_resumable(root, folder, kind))
+        seconds = time.perf_counter() - start
+    return read_content(folder), seconds
+
+
+def _finish(root: Path, folder: Path, kind: str, expected: Content) -> None:
+    """Let it end, hold its content against that of an undisturbed one, and clear the folder."""
+    _require_done(start_resumable(root, folder, kind))
+    difference = find_difference(read_content(folder), expected)
+    if difference:
+        raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
+    shutil.rmtree(folder)
+
+
+def start_resumable(
+    root: Path, folder: Path, kind: str, *, variant: str | None = None, environment: Mapping[str, str] = os.environ
+) -> "subprocess.Popen[str]":
+    """Start a sweep or a study of ``scene.toml`` in a folder, with the store beside it, as the leader of a process group."""
+    command = kind.split()[0]
+    program = [sys.executable, "-P", "-m", "headstock.app.command_line", command, str(root / "scene.toml"), NAMES[command]]
+    program += ["--variant", variant] if variant else []
+    if "ranks" in kind:
+        program = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", "2", *program]
+    return subprocess.Popen(
+        [*program, "-o", str(folder)],
+        env={**environment, "HEADSTOCK_STORE": str(root / "store"), "OMP_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+
+
+def _require_done(process: "subprocess.Popen[str]") -> None:
+    said = wait_for_end(process)
+    if process.returncode:
+        raise CampaignError(f"it ended with {process.returncode}: {said[-500:]}")
+
+
+def _kill_one(process: "subprocess.Popen[str]", folder: Path, delay: float) -> str:
+    """Kill a process or, under mpirun, one of the ranks it started."""
+    end = time.monotonic() + delay
+    while process.poll() is None and time.monotonic() < end:
+        time.sleep(POLL_SECONDS)
+    if process.poll() is not None:
+        process.communicate()
+        return "had ended before the kill"
+    ranks = [pid for pid in _processes_of(folder) if pid != process.pid]
+    os.kill(ranks[0] if ranks else process.pid, signal.SIGKILL)
+    wait_for_end(process)
+    return "killed"
+
+
+def _processes_of(folder: Path) -> list[int]:
+    """Python processes that were told to write into a folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                words = (entry / "cmdline").read_bytes().split(b"\0")
+            except OSError:
+                continue
+            if str(folder).encode() in words and words[0] == sys.executable.encode():
+                found.append(int(entry.name))
+    return found
+
+
+def _count_finished(folder: Path) -> int:
+    """Poses of all journals, or lines of a study: what is finished never becomes less."""
+    try:
+        if (folder / "points.jsonl").is_file():
+            return (folder / "points.jsonl").read_bytes().count(b"\n")
+        return count_poses(folder)
+    except OSError:
+        return 0

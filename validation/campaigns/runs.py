@@ -1,0 +1,191 @@
+"""What the fault campaigns share: a small elastic scene in two variants, its run as a process, and the numbers it leaves."""
+
+import contextlib
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.validation.campaigns.campaign_outcome import CampaignError
+
+VARIANTS = ("steel", "iron")
+SCENE = """
+name = "Campaign"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[materials.iron]
+E = "110 GPa"
+nu = 0.25
+rho = "7200 kg/m^3"
+[components.column]
+solid = { box = ["40 mm", "60 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "20 mm" }
+reduction = { modes = 8 }
+[components.column.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.clamp]
+between = ["ground", "column.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[variants.steel]
+"components.column.material" = "steel"
+[variants.iron]
+"components.column.material" = "iron"
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 4
+"""
+TIME_LIMIT = 1800.0  # of what takes seconds: for machines where a dozen other programs run
+EQUAL = 1e-12
+
+
+@dataclass(frozen=True)
+class Places:
+    """Folders of a campaign: results, store, temporary files, and the scene.
+
+    Attributes:
+        root: Holds all of them.
+        cache: Cache folder of every run, which keeps compiled forms; None for the user's.
+    """
+
+    root: Path
+    cache: Path | None = None
+
+    @property
+    def scene(self) -> Path:
+        """The scene file."""
+        return self.root / "campaign.toml"
+
+    @property
+    def results(self) -> Path:
+        """The output folder of every run."""
+        return self.root / "results"
+
+    @property
+    def store(self) -> Path:
+        """The store of every run."""
+        return self.root / "store"
+
+    @property
+    def temporary(self) -> Path:
+        """``TMPDIR`` of every run."""
+        return self.root / "tmp"
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """What a run found: compliance ``(6, 6)`` [SI] and natural frequencies ``(n,)`` [Hz]."""
+
+    compliance: FloatArray
+    frequencies_hz: FloatArray
+
+    def equal(self, other: "Numbers") -> bool:
+        """Whether two runs found the same to ``EQUAL``, relative to the largest number of each kind."""
+        pairs = [(getattr(self, field.name), getattr(other, field.name)) for field in dataclasses.fields(self)]
+        return all(a.shape == b.shape and bool(np.all(np.abs(a - b) <= EQUAL * np.abs(b).max())) for a, b in pairs)
+
+
+def make_places(root: Path, *, cache: Path | None = None) -> Places:
+    """Folders and the scene of a campaign."""
+    places = Places(root, cache)
+    for folder in (places.store, places.temporary):
+        folder.mkdir(parents=True, exist_ok=True)
+    places.scene.write_text(SCENE)
+    return places
+
+
+def start_run(places: Places, variant: str) -> "subprocess.Popen[str]":
+    """Start ``headstock run`` of a variant as the leader of a process group."""
+    command = [sys.executable, "-P", "-m", "headstock.app.command_line", "run", str(places.scene), "-o", str(places.results)]
+    folders = {"HEADSTOCK_STORE": str(places.store), "TMPDIR": str(places.temporary)}
+    if places.cache is not None:
+        folders["XDG_CACHE_HOME"] = str(places.cache)
+    return subprocess.Popen(
+        [*command, "--variant", variant],
+        env={**os.environ, **folders, "OMP_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+
+
+def finish_run(places: Places, variant: str) -> tuple[int, str]:
+    """Run a variant to its end; its exit code and what it said on standard error."""
+    process = start_run(places, variant)
+    said = wait_for_end(process)
+    return process.returncode, said
+
+
+def wait_for_end(process: "subprocess.Popen[str]", *, seconds: float = TIME_LIMIT) -> str:
+    """Wait until the leader of a process group ends; what it said on standard error.
+
+    Raises:
+        CampaignError: It did not end in time; it and its group are then killed.
+    """
+    try:
+        _, said = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        raise CampaignError(f"it did not end in {seconds:g} s") from None
+    return said
+
+
+def read_numbers(results: Path) -> Numbers:
+    """Numbers of ``results.h5``, after a check that ``summary.json`` holds the same.
+
+    Raises:
+        CampaignError: A file is torn, or the two contradict each other.
+    """
+    from_file = read_results(results / "results.h5")
+    if not from_file.equal(read_summary_numbers(results / "summary.json")):
+        raise CampaignError(f"results.h5 and summary.json in {results} are of different runs")
+    return from_file
+
+
+def read_results(path: Path) -> Numbers:
+    """Numbers of a ``results.h5``.
+
+    Raises:
+        CampaignError: It cannot be read.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            pose = next(iter(file["modal"]))
+            return Numbers(file[f"static/{pose}/tcp/compliance"][()], file[f"modal/{pose}/frequencies_hz"][()])
+    except (OSError, KeyError, RuntimeError) as error:
+        raise CampaignError(f"{path} is torn: {error}") from error
+
+
+def read_summary_numbers(path: Path) -> Numbers:
+    """Numbers of a ``summary.json``.
+
+    Raises:
+        CampaignError: It cannot be read.
+    """
+    try:
+        summary = json.loads(path.read_text())
+        return Numbers(
+            np.array(summary["static"]["tcp"]["compliance_6x6"], dtype=float),
+            np.array(summary["modal"][0]["frequencies_hz"], dtype=float),
+        )
+    except (OSError, KeyError, ValueError) as error:
+        raise CampaignError(f"{path} is torn: {error}") from error

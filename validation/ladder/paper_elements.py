@@ -1,0 +1,142 @@
+"""Linear hexahedra with bending shapes, as commercial programs have them and Headstock has not: to tell what a paper computed with.
+
+Each direction gets a shape ``1 - xi^2`` of its own in each element, condensed out of its stiffness; on rectangular bricks this is
+exact in pure bending. The mass is that of the plain element.
+
+Source: Wilson, Taylor, Doherty and Ghaboussi (1973), Incompatible displacement models.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.materials import Material
+from headstock.meshing.component_mesh import IntArray
+
+CORNERS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+)
+GAUSS = 1.0 / np.sqrt(3.0)
+# rows of the strain: xx yy zz xy yz zx, each with the displacement component and the derivative it takes
+STRAINS = (((0, 0),), ((1, 1),), ((2, 2),), ((0, 1), (1, 0)), ((1, 2), (2, 1)), ((2, 0), (0, 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class BrickModel:
+    """A box of equal bricks.
+
+    Attributes:
+        points: ``(n, 3)`` nodes [m].
+        stiffness: ``(3 n, 3 n)``.
+        mass: ``(3 n, 3 n)``.
+    """
+
+    points: FloatArray
+    stiffness: scipy.sparse.csr_matrix
+    mass: scipy.sparse.csr_matrix
+
+
+def brick_model(sides: tuple[float, float, float], counts: tuple[int, int, int], material: Material) -> BrickModel:
+    """A box from ``(-x/2, -y/2, -z/2)``, cut into bricks.
+
+    Args:
+        sides: Of the box [m].
+        counts: Bricks along x, y and z.
+        material: Isotropic.
+    """
+    axes = [side * (np.arange(count + 1) / count - 0.5) for side, count in zip(sides, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = _number_cells(counts)
+    brick = np.array(sides) / np.array(counts)
+    dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(len(cells), 24)
+    rows, columns = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
+    size = 3 * len(points)
+    matrices = (brick_stiffness(brick, material), brick_mass(brick, material))
+    stiffness, mass = (
+        scipy.sparse.csr_matrix((np.tile(matrix.ravel(), len(cells)), (rows, columns)), shape=(size, size)) for matrix in matrices
+    )
+    return BrickModel(points, stiffness, mass)
+
+
+def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = True) -> FloatArray:
+    """Stiffness ``(24, 24)`` of one brick of sides ``(3,)`` [m], with its bending shapes condensed, or without them."""
+    elastic = _elasticity(material)
+    half = np.asarray(np.asarray(brick) / 2.0, dtype=np.float64)
+    whole = np.zeros((33, 33))
+    for place in itertools.product((-GAUSS, GAUSS), repeat=3):
+        strain = _strain_rows(np.array(place), half)
+        whole += strain.T @ elastic @ strain * float(np.prod(half))
+    if not bending:
+        return whole[:24, :24]
+    return np.asarray(whole[:24, :24] - whole[:24, 24:] @ np.linalg.solve(whole[24:, 24:], whole[24:, :24]))
+
+
+def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
+    """Consistent mass ``(24, 24)`` of one brick of sides ``(3,)`` [m]."""
+    scalar = np.zeros((8, 8))
+    for place in itertools.product((-GAUSS, GAUSS), repeat=3):
+        shapes = np.prod((1.0 + CORNERS * place) / 2.0, axis=1)
+        scalar += np.outer(shapes, shapes)
+    return np.asarray(np.kron(scalar * material.density * float(np.prod(np.asarray(brick) / 2.0)), np.eye(3)))
+
+
+def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArray:
+    """Displacements ``(3 n, m)`` [m] under loads ``(3 n, m)`` [N] with some nodes held."""
+    free = _free_dofs(model, held)
+    found = np.zeros_like(loads)
+    found[free] = scipy.sparse.linalg.splu(model.stiffness[free][:, free].tocsc()).solve(loads[free])
+    return found
+
+
+def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """The lowest natural frequencies ``(m,)`` [Hz] and shapes ``(m, n, 3)`` with some nodes held; fewer where there are few dofs."""
+    free = _free_dofs(model, held)
+    stiffness, mass = model.stiffness[free][:, free], model.mass[free][:, free]
+    if len(free) <= 2 * count:
+        values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray())
+        values, vectors = values[:count], vectors[:, :count]
+    else:
+        values, vectors = scipy.sparse.linalg.eigsh(stiffness.tocsc(), k=count, M=mass.tocsc(), sigma=0.0, tol=1e-12)
+    order = np.argsort(values)
+    shapes = np.zeros((3 * len(model.points), len(order)))
+    shapes[free] = vectors[:, order]
+    return np.sqrt(values[order]) / (2.0 * np.pi), shapes.T.reshape(len(order), -1, 3)
+
+
+def _free_dofs(model: BrickModel, held: IntArray) -> IntArray:
+    return np.setdiff1d(np.arange(3 * len(model.points)), (3 * np.asarray(held)[:, None] + np.arange(3)).ravel())
+
+
+def _number_cells(counts: tuple[int, int, int]) -> IntArray:
+    """Corner nodes ``(n, 8)`` in the order of ``CORNERS``."""
+    starts = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    index = starts[:, None, :] + ((CORNERS + 1.0) / 2.0).astype(np.int64)[None]
+    _, second, third = (count + 1 for count in counts)
+    return np.asarray((index[..., 0] * second + index[..., 1]) * third + index[..., 2])
+
+
+def _elasticity(material: Material) -> FloatArray:
+    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
+    lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
+    matrix = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    matrix[:3, :3] += lame
+    return matrix
+
+
+def _strain_rows(place: FloatArray, half: FloatArray) -> FloatArray:
+    """Strain ``(6, 33)`` at a place: 8 corners, then the bending shape of each direction."""
+    sides = (1.0 + CORNERS * place) / 2.0
+    gradients = np.zeros((11, 3))
+    for axis in range(3):
+        gradients[:8, axis] = CORNERS[:, axis] / 2.0 * np.prod(np.delete(sides, axis, axis=1), axis=1) / half[axis]
+        gradients[8 + axis, axis] = -2.0 * place[axis] / half[axis]
+    rows = np.zeros((6, 11, 3))
+    for row, parts in enumerate(STRAINS):
+        for component, derivative in parts:
+            rows[row, :, component] += gradients[:, derivative]
+    return rows.reshape(6, 33)

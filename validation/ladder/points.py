@@ -1,0 +1,171 @@
+"""One rung of a fidelity ladder: what a scene's results say about a beam of the paper."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.solids import Box
+from headstock.pipeline.results.results import Results
+from headstock.scene.scene import Scene
+from headstock.studies.parameters.records import StudyRecord
+from headstock.studies.parameters.tables import median_seconds
+from headstock.validation.ladder.mode_pairing import pair_modes, read_shape, section_motions
+from headstock.validation.ladder.references import FORCE, MOMENT, OFFSET, UM, Group, LadderBeam, ladder_beam
+
+LadderKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
+KINDS: tuple[LadderKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", "wilson8")
+LINEAR: tuple[LadderKind, ...] = ("wilson8", "tet4", "hex8")
+QUADRATIC: tuple[LadderKind, ...] = ("tet10", "hex27")
+SAME = 1e-6
+
+
+class LadderError(HeadstockError):
+    """A scene is not what a published study is about."""
+
+
+@dataclass(frozen=True, eq=False)
+class LadderPoint:
+    """A model of a beam.
+
+    Attributes:
+        kind: Segmented bodies, or the finite elements; ``wilson8`` are the paper's own, which Headstock has not.
+        ndof: As the paper counts: 6 per segment, 3 per node.
+        group: Static or modal.
+        values: By quantity [um, Hz]; a mode that no shape of the model resembles is missing.
+        macs: Likeness of each mode to the shape it is named after.
+        seconds: From the scene to the results [s]; NaN for the paper's own elements.
+        cpu_seconds: Processor time of the same [s].
+    """
+
+    kind: LadderKind
+    ndof: int
+    group: Group
+    values: dict[str, float]
+    macs: dict[str, float]
+    seconds: float
+    cpu_seconds: float
+
+
+def measure_beam(reference: str, scene: Scene, results: Results) -> dict[str, Any]:
+    """What a scene's results say about a beam, for the record of a study's point.
+
+    Raises:
+        LadderError: The scene is not the beam of the reference.
+    """
+    beam = ladder_beam(reference)
+    component = _check_beam(beam, scene)
+    facts = results.components[component.name]
+    mesh = component.mesh
+    kind = component.fidelity if component.fidelity != "elastic" else f"{mesh.cells}{_nodes(mesh.cells, mesh.order)}"
+    values: dict[str, float] = {}
+    macs: dict[str, float] = {}
+    if results.static:
+        values = (
+            _cantilever_statics(scene, results) if beam.ends == "clamped-free" else _fixed_beam_statics(component, scene, results)
+        )
+    if results.modal:
+        modal, macs = _beam_modes(beam, component, results)
+        values |= modal
+    return {"kind": kind, "ndof": facts.full_dofs, "values": values, "macs": macs}
+
+
+def collect_points(beam: LadderBeam, records: Sequence[StudyRecord]) -> list[LadderPoint]:
+    """The rungs of a ladder from a study's records; a point with static and modal results is two rungs, a failed one is none."""
+    found: list[LadderPoint] = []
+    for record in records:
+        seconds, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
+        if record.status == "failed" or seconds is None or cpu is None:
+            continue
+        measured = record.measured
+        for group in ("static", "modal"):
+            own = {name: value for name, value in measured["values"].items() if beam.references[name].group == group}
+            if own:
+                macs = measured["macs"] if group == "modal" else {}
+                found.append(
+                    LadderPoint(
+                        cast(LadderKind, measured["kind"]), measured["ndof"], cast(Group, group), own, macs, seconds[0], cpu[0]
+                    )
+                )
+    return found
+
+
+def _nodes(cells: str, order: int) -> int:
+    return {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}[cells, order]
+
+
+def _check_beam(beam: LadderBeam, scene: Scene) -> Component:
+    """The one component of a scene, which must be the beam."""
+    components = list(scene.machine.components.values())
+    solid = components[0].solid
+    right = isinstance(solid, Box) and len(components) == 1 and np.allclose(solid.size, beam.size, rtol=SAME, atol=0.0)
+    own, wanted = (dataclasses.astuple(material)[1:] for material in (components[0].material, beam.material))
+    if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
+        sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
+        raise LadderError(
+            f"{scene.path} is held against {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
+            f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
+        )
+    return components[0]
+
+
+def _cantilever_statics(scene: Scene, results: Results) -> dict[str, float]:
+    """The six loads at the first point of the scene."""
+    points = next(iter(results.static.values()))
+    return cantilever_displacements(points[next(iter(scene.machine.points))].compliance)
+
+
+def cantilever_displacements(compliance: FloatArray) -> dict[str, float]:
+    """Displacements [um] under the paper's loads by the compliance ``(6, 6)`` of the top face [m/N, 1/N, 1/(N m)]."""
+    c = np.abs(compliance) * UM
+    half = ladder_beam("kono-cantilever").size[1] / 2.0
+    return {
+        "dx(Fx)": FORCE * float(c[0, 0]),
+        "dy(Fy)": FORCE * float(c[1, 1]),
+        "dz(Fz)": FORCE * float(c[2, 2]),
+        "dy(Ma)": MOMENT * float(c[1, 3]),
+        "dx(Mb)": MOMENT * float(c[0, 4]),
+        "dx(Mc)": MOMENT * half * float(c[5, 5]),
+    }
+
+
+def _fixed_beam_statics(component: Component, scene: Scene, results: Results) -> dict[str, float]:
+    """Motion of the loaded patch, and of the one behind it, under the scene's force."""
+    found: dict[str, float] = {}
+    for name, answer in next(iter(results.static.values())).items():
+        patch = component.interfaces[str(scene.machine.points[name].tool.interface)].patches[0]
+        height = patch.center[2] - 0.5 * ladder_beam("kono-fixed-beam").size[2]
+        label = "0" if abs(height) < SAME else "100 mm" if abs(height - OFFSET) < SAME else ""
+        if not label or answer.displacement is None:
+            raise LadderError(
+                f"point {name!r}: the paper's force of 1 kN along x acts at 0 or 100 mm above the middle of the front face"
+            )
+        shift = np.abs(answer.displacement) * UM
+        back = ", back face" if patch.face == "x-" else ""
+        found[f"dx(Fx), h_F = {label}{back}"] = float(shift[0])
+        if label != "0" and not back:
+            found[f"dz(Fx), h_F = {label}"] = float(shift[2])
+    return found
+
+
+def _beam_modes(beam: LadderBeam, component: Component, results: Results) -> tuple[dict[str, float], dict[str, float]]:
+    """Frequencies of the modes the paper names, found by their shapes, and how alike those are."""
+    modes = results.modal[0]
+    pose = results.view.poses[modes.pose.name]
+    low = -0.5 * beam.size[beam.axis] if beam.axis < 2 else 0.0
+    sections = section_motions(
+        results.view.skins[component.name].points,
+        pose.shifts[component.name] @ pose.placements[component.name].rotation,
+        axis=beam.axis,
+        span=(low, low + beam.size[beam.axis]),
+        sides=beam.size,
+    )
+    names = [name for name, reference in beam.references.items() if reference.group == "modal"]
+    paired = pair_modes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
+    frequencies = {name: float(modes.frequencies_hz[mode.index]) for name, mode in paired.items()}
+    return frequencies, {name: mode.mac for name, mode in paired.items()}

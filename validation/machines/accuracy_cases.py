@@ -1,0 +1,162 @@
+"""Scenes that choose their own meshes for a stated accuracy, held against far finer ones; and the estimates behind the choice."""
+
+import dataclasses
+import resource
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy.stats import spearmanr
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.provenance import PROJECT
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+
+CANTILEVER = PROJECT / "machines" / "cantilever.toml"
+MACHINES = {
+    "cantilever": CANTILEVER,
+    "fixed beam": PROJECT / "machines" / "fixed_beam.toml",
+    "three-axis machine": PROJECT / "machines" / "three_axis.toml",
+    "STEP column": PROJECT / "machines" / "step_column.toml",
+    "STEP bracket": PROJECT / "tests" / "data" / "support.toml",
+}
+COLUMN = {"size": "9 mm", "cells": "hex"}
+# meshes several times finer than those that are chosen for 1 %, and modes that leave out nothing of it
+FINE: dict[str, dict[str, Any]] = {
+    "cantilever": {"components.column.mesh": COLUMN, "components.column.reduction": {"modes_to": "25 kHz"}},
+    "fixed beam": {
+        "components.beam.mesh": {"size": "14 mm", "across_patches": 24, "growth": 0.25, "rim_size": "0.9 mm"},
+        "components.beam.reduction": {"modes_to": "16 kHz"},
+    },
+    "three-axis machine": {
+        "components.column_left.mesh": COLUMN,
+        "components.column_right.mesh": COLUMN,
+        "components.y_base.mesh": {"size": "14 mm", "across_patches": 20, "growth": 0.25, "rim_size": "1.2 mm"},
+        "components.column_left.reduction": {"modes_to": "3 kHz"},
+        "components.column_right.reduction": {"modes_to": "3 kHz"},
+        "components.y_base.reduction": {"modes_to": "3 kHz"},
+    },
+    "STEP column": {
+        "components.column.mesh": {"size": "20 mm", "across_patches": 24, "growth": 0.22, "rim_size": "2.5 mm"},
+        "components.column.reduction": {"modes_to": "5 kHz"},
+    },
+    "STEP bracket": {
+        "components.support.mesh": {"size": "2 mm", "growth": 0.25, "rim_size": "0.25 mm"},
+        "components.support.reduction": {"modes": 30},
+    },
+}
+SWEEP = (
+    {"cells": "hex", "size": "50 mm"},
+    {"cells": "hex", "size": "25 mm"},
+    {"cells": "tet", "size": "38 mm"},
+    {"cells": "tet", "size": "20 mm"},
+    {"cells": "hex", "size": "25 mm", "order": 1, "force": True},
+    {"cells": "tet", "size": "16 mm", "order": 1, "force": True},
+)
+LEAST_RANK = 0.8
+LARGEST_FACTOR = 3.0
+
+
+def check_beam_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
+    """The seed's column with 3 %, 1 % and 0.1 % asked for, its fixed beam with 1 %."""
+    return [*_check_accuracy("cantilever", (0.03, 0.01, 0.001), comm), *_check_accuracy("fixed beam", (0.01,), comm)]
+
+
+def check_machine_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
+    """The three-axis machine and two STEP parts with 1 % asked for."""
+    return [row for name in ("three-axis machine", "STEP column", "STEP bracket") for row in _check_accuracy(name, (0.01,), comm)]
+
+
+def _check_accuracy(name: str, shares: Sequence[float], comm: MPI.Comm) -> list[ValidationRow]:
+    """True errors of the settings chosen for some accuracies, and what choosing them cost."""
+    exact = _numbers(_run(load_scene(MACHINES[name], values=FINE[name]), comm))
+    scene = load_scene(MACHINES[name])
+    rows: list[ValidationRow] = []
+    for share in shares:
+        start = _processor_seconds()
+        results = _run(dataclasses.replace(scene, accuracy=AccuracyGoal(share)), comm)
+        seconds = _processor_seconds() - start
+        if comm.rank == 0:
+            off = float(np.abs(_numbers(results) / exact - 1.0).max())
+            what = f"{name}: largest error of {len(exact)} frequencies and compliances, {100.0 * share:g} % asked"
+            rows.append(judge_bound("stated-accuracy", what, off, share, _chosen(results)))
+            rows.append(show("stated-accuracy", f"{name}: processor time, {100.0 * share:g} % asked", seconds, "s"))
+    return list(comm.bcast(rows, root=0))
+
+
+def _processor_seconds() -> float:
+    """Of this process and of the meshing ones that it started."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
+    """Estimated against true errors of the seed's column over kinds and sizes of elements."""
+    exact = _numbers(_run(load_scene(CANTILEVER, values=FINE["cantilever"]), comm))
+    found, true = [], []
+    for mesh in SWEEP:
+        values = {"components.column.mesh": mesh, "components.column.reduction": {"modes": 30}}
+        results = _run(load_scene(CANTILEVER, values=values), comm)
+        if comm.rank == 0:
+            # frequencies come out too high, compliances too small
+            change = _numbers(results) / exact
+            count = len(results.modal[0].frequencies_hz)
+            true.append(np.where(np.arange(len(change)) < count, change - 1.0, 1.0 / change - 1.0))
+            found.append(_estimates(results))
+    if comm.rank > 0:
+        return list(comm.bcast(None, root=0))
+    ratios = np.concatenate(found) / np.concatenate(true)
+    rank = float(spearmanr(np.concatenate(found), np.concatenate(true)).statistic)
+    middle = float(np.median(ratios))
+    rows = [
+        judge(
+            "mesh-estimates", "estimated over true error, median over 6 meshes and 9 numbers, as a factor", max(middle, 1.0 / middle),
+            Target(1.0, "-", LARGEST_FACTOR - 1.0, "converged 3D"), f"effectivity {middle:.2f}",
+        ),
+        judge(
+            "mesh-estimates", "rank correlation of estimated and true errors", rank, Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D"),
+        ),
+        show("mesh-estimates", "effectivity exceeded by 95 in 100", float(np.quantile(ratios, 0.05)), "-"),
+        show("mesh-estimates", "effectivity exceeded by 5 in 100", float(np.quantile(ratios, 0.95)), "-"),
+    ]  # fmt: skip
+    return list(comm.bcast(rows, root=0))
+
+
+def _run(scene: Scene, comm: MPI.Comm) -> Results:
+    with tempfile.TemporaryDirectory(prefix="headstock-accuracy-") as folder:
+        return run_scene(scene, Path(folder) / "out", comm=comm, store=Store(Path(folder) / "store"))
+
+
+def _numbers(results: Results) -> FloatArray:
+    """Frequencies and compliances along x, y and z; empty on other ranks than the first."""
+    parts: list[Any] = [modes.frequencies_hz[modes.rigid_count :] for modes in results.modal]
+    parts += [np.diag(point.compliance)[:3] for points in results.static.values() for point in points.values()]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _estimates(results: Results) -> FloatArray:
+    """Relative discretisation errors of the same numbers."""
+    parts: list[float] = []
+    for modes in results.modal:
+        pairs = zip(modes.errors, modes.frequencies_hz, strict=True)
+        parts += [(error.shares.get(DISCRETISATION) or 0.0) / hz for error, hz in list(pairs)[modes.rigid_count :]]
+    for points in results.static.values():
+        for point in points.values():
+            sizes = zip(point.errors.values(), np.diag(point.compliance)[:3], strict=True)
+            parts += [(error.shares.get(DISCRETISATION) or 0.0) / value for error, value in sizes]
+    return np.array(parts)
+
+
+def _chosen(results: Results) -> str:
+    accuracy = results.accuracy or {}
+    chosen = "; ".join(f"{name}: {words}" for name, words in accuracy.get("settings", {}).items())
+    return f"{chosen} in {len(accuracy.get('rounds', ()))} round(s)"

@@ -1,0 +1,189 @@
+"""Drives: a motor and a load against closed forms, a sampled controller step by step, and friction against hand calculation."""
+
+import math
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.solvers.control.drive_loops import ENCODER, ClosedLoop, close_loops
+from headstock.solvers.control.drive_trains import MOTOR
+from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
+from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.control.stability import find_largest_gain, find_loop_poles, scale_position_gain
+from headstock.solvers.control.tracking import find_velocity_lag
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.second_order import ComplexArray
+from headstock.validation.machines.two_mass_drive import (
+    LOAD,
+    TwoMasses,
+    closed_loop_poles,
+    delayed_pole,
+    make_drive,
+    step_response,
+)
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
+
+MASSES = TwoMasses()
+CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
+EXACT = 1e-6  # the goal is 1e-3; closed forms are met to roundoff
+CYCLE = 250e-6
+ENERGY_LIMIT = 1e-6
+# a light load pulled slowly through a spring: it sticks and slips
+STICKING = TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
+DRY = GuideFriction(coulomb=40.0, breakaway=60.0, stribeck_speed=5e-5, smoothing=1e-6)
+PULL, SETTLED, WATCHED = 0.005, 0.3, 1.0
+
+
+def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
+    """Natural frequencies, closed-loop poles, lag and step response of a motor that drives a load."""
+    system, train = make_drive(MASSES, CONTROL)
+    free = float(solve_modal(system).frequencies_hz[1])
+    held, _ = make_drive(TwoMasses(motor=1e12), CONTROL)
+    locked = float(solve_modal(held).frequencies_hz[1])
+    loop = close_loops(system, [train], outputs=[LOAD])
+    rows = [
+        judge("two-mass-drive", "frequency, motor held", locked, Target(MASSES.locked_hz, "Hz", EXACT, "closed form")),
+        judge("two-mass-drive", "frequency, motor free", free, Target(MASSES.free_hz, "Hz", EXACT, "closed form")),
+        judge(
+            "two-mass-drive",
+            "lag at 1 m/s",
+            find_velocity_lag(loop, "X")[0],
+            Target(1.0 / CONTROL.position_gain, "m", EXACT, "closed form"),
+            "v / kv",
+        ),
+    ]
+    rows += [_judge_poles("motor encoder", CONTROL), _judge_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale"))]
+    late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
+    rows.append(_judge_poles("dead time of 375 µs", late))
+    loads = np.zeros((5001, 3))
+    loads[:, 0] = 1.0
+    found = solve_time_response(loop.space, loads, 1e-4)
+    error = float(np.abs(found.outputs[:, 0] - step_response(MASSES, CONTROL, found.times)).max())
+    rows.append(judge_bound("two-mass-drive", "step response, largest error", error, EXACT, "residues at the poles"))
+    return [*rows, _judge_largest_gain()]
+
+
+def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
+    """A controller that samples, computes for a cycle and holds its force, as difference equations, beside its dead time."""
+    late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
+    system, train = make_drive(MASSES, late)
+    model = find_loop_poles(close_loops(system, [train])).poles
+    stepwise = sampled_poles(CONTROL, CYCLE)
+    rows = []
+    for pole in model[np.abs(model) * CYCLE < 0.5]:
+        nearest = stepwise[int(np.argmin(np.abs(stepwise - pole)))]
+        name = f"{abs(pole) / (2.0 * math.pi):.3g} Hz: distance of both poles over their size"
+        rows.append(
+            judge_bound("sampled-control", name, abs(nearest - pole) / abs(pole), 1e-2, "1.5 cycles of 250 µs as a dead time")
+        )
+    return rows
+
+
+def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
+    """What dry friction does to a P controller, and a load that sticks and slips; with the balance of energy."""
+    offset, energy = _settled_offset()
+    amplitude, period, balance = _stick_and_slip()
+    rise = (DRY.breakaway - DRY.coulomb) / STICKING.stiffness
+    omega = math.sqrt(STICKING.stiffness / STICKING.load)
+    # friction falls from breakaway to sliding at once: sticking until the spring holds the breakaway force, then a swing
+    slip = (2.0 * math.pi - 2.0 * math.atan(rise * omega / PULL)) / omega
+    swing = 2.0 * math.hypot(rise, PULL / omega)
+    lag = 0.05 / 40.0 + 50.0 / (2e4 * 40.0)
+    note = "by hand for friction that falls at once"
+    return [
+        judge("drive-friction", "lag of a P controller", offset, Target(lag, "m", EXACT, "closed form"), "v / kv + F / (kp kv)"),
+        judge_bound("drive-friction", "energy balance, sliding", energy, ENERGY_LIMIT),
+        judge("drive-friction", "stick-slip period", period, Target(2.0 * rise / PULL + slip, "s", 1e-2, "closed form"), note),
+        judge("drive-friction", "stick-slip swing of the spring", amplitude, Target(swing, "m", 1e-2, "closed form"), note),
+        judge_bound("drive-friction", "energy balance, sticking and slipping", balance, ENERGY_LIMIT),
+    ]
+
+
+def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
+    """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact, forces held, one cycle late."""
+    m1, m2, k, d = MASSES.motor, MASSES.load, MASSES.stiffness, MASSES.damping
+    a = np.array(
+        [[0.0, 1.0, 0.0, 0.0], [-k / m1, -d / m1, k / m1, d / m1], [0.0, 0.0, 0.0, 1.0], [k / m2, d / m2, -k / m2, -d / m2]]
+    )
+    held = scipy.linalg.expm(cycle * np.block([[a, np.array([[0.0], [1.0 / m1], [0.0], [0.0]])], [np.zeros((1, 5))]]))
+    kv, kp = control.position_gain, control.velocity_gain
+    # states: plant, integral of the velocity error (trapezoidal), force that acts in this cycle
+    error = np.array([-kv, -1.0, 0.0, 0.0])
+    share = kp * cycle / control.integral_time
+    total = np.zeros((6, 6))
+    total[:4, :4], total[:4, 5] = held[:4, :4], held[:4, 4]
+    total[4, :4], total[4, 4] = share * error, 1.0
+    total[5, :4], total[5, 4] = (kp + 0.5 * share) * error, 1.0
+    return np.asarray(np.log(np.linalg.eigvals(total) + 0j) / cycle)
+
+
+def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
+    """The largest distance of a pole from its closed form, over its size; real poles beyond a dead time's reach are left out."""
+    system, train = make_drive(MASSES, control)
+    found = find_loop_poles(close_loops(system, [train])).poles
+    if control.dead_time:
+        found = found[np.abs(found) * control.dead_time < 1.0]
+        right: ComplexArray = np.array([delayed_pole(MASSES, control, complex(pole)) for pole in found])
+    else:
+        every = closed_loop_poles(MASSES, control)
+        right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
+    return judge_bound(
+        "two-mass-drive", f"poles, {name}: largest distance over size", float((np.abs(found - right) / np.abs(right)).max()), EXACT
+    )
+
+
+def _judge_largest_gain() -> ValidationRow:
+    """Routh: ``M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn`` is stable while ``kp (kv + 1/Tn) > M kv / Tn``."""
+    rigid = TwoMasses(stiffness=1e13, damping=1e9)
+    control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
+    system, train = make_drive(rigid, control)
+    found = find_largest_gain(system, [train], "X", scale_position_gain) or math.nan
+    rate = 1.0 / control.integral_time
+    expected = control.velocity_gain * rate / ((rigid.motor + rigid.load) * rate - control.velocity_gain)
+    return judge(
+        "two-mass-drive", "largest stable kv", found * control.position_gain, Target(expected, "1/s", 1e-3, "closed form"), "Routh"
+    )
+
+
+def _settled_offset() -> tuple[float, float]:
+    """Lag at constant speed of a P controller against Coulomb friction, and the error of the energy balance."""
+    law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
+    system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
+    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
+    found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
+    return 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1]), found.energy.error
+
+
+def _stick_and_slip() -> tuple[float, float, float]:
+    """Swing of the spring, period, and error of the energy balance."""
+    control = AxisControl(500.0, 1e8, velocity_feed_forward=1.0, acceleration_feed_forward=STICKING.motor)
+    system, train = make_drive(STICKING, control, DRY)
+    loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
+    times = np.asarray(np.linspace(0.0, WATCHED, 20001), dtype=float)
+    found = _pull(loop, PULL, times)
+    stretch = _column(loop, found, MOTOR) - found.outputs[:, 0]
+    late = times > SETTLED
+    middle = 0.5 * (stretch[late].max() + stretch[late].min())
+    place = np.flatnonzero((stretch[:-1] > middle) & (stretch[1:] <= middle) & late[:-1])
+    falls = times[place] + (times[1] - times[0]) * (stretch[place] - middle) / (stretch[place] - stretch[place + 1])
+    return float(np.ptp(stretch[late])), float(np.diff(falls).mean()), found.energy.error
+
+
+def _pull(loop: ClosedLoop, speed: float, times: FloatArray) -> DrivenMotion:
+    """A constant speed after a ramp of 0.1 s."""
+    ramp = 0.1
+
+    def given(instant: float) -> FloatArray:
+        inside = min(instant, ramp)
+        way = 0.5 * speed / ramp * inside**2 + speed * max(instant - ramp, 0.0)
+        return np.array([way, speed * inside / ramp, speed / ramp if instant < ramp else 0.0])
+
+    return solve_motion(loop, given, times, breaks=np.array([ramp]))
+
+
+def _column(loop: ClosedLoop, found: DrivenMotion, what: str) -> FloatArray:
+    return np.asarray(found.outputs[:, loop.space.outputs.index(("X", what))])

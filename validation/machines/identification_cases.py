@@ -1,0 +1,186 @@
+"""A small machine whose springs are known, and targets computed from them: what an identification must find again."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.storage.store import Store
+from headstock.scene.reading.units import DIMENSIONS, parse_quantity
+from headstock.studies.identification.identification import prepare_problem
+from headstock.studies.identification.identification_problem import FitPoint, FitProblem, evaluate
+from headstock.studies.identification.target_files_2 import load_targets
+
+_BODIES = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.base]
+solid = { box = ["600 mm", "500 mm", "200 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "0 mm"]
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
+[components.column]
+rotate = { axis = "y", angle = "3 deg" }
+solid = { box = ["40 mm", "100 mm", "500 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "200 mm"]
+fidelity = "segmented"
+segments = { count = 4 }
+interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
+[components.slider]
+solid = { box = ["200 mm", "120 mm", "80 mm"] }
+material = "steel"
+mass = "20 kg"
+at = ["0 mm", "0 mm", "720 mm"]
+fidelity = "rigid"
+interfaces = { bottom = { face = "z-" }, tool = { face = "x+" } }
+[joints.bolts]
+between = ["base.top", "column.foot"]
+kind = "rigid"
+"""
+_GUIDE = """\
+[joints.guide_{number}]
+between = ["column.head", "slider.bottom"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+at = ["{x} mm", "{y} mm", "710 mm"]
+stiffness = {{ lateral = "40 N/um", normal = "50 N/um" }}
+"""
+_CORNERS = ((60, 40), (60, -40), (-60, 40), (-60, -40))
+_REST = """\
+[joints.drive]
+between = ["column.head", "slider.bottom"]
+kind = "ball_screw"
+axis = "x"
+at = ["0 mm", "0 mm", "710 mm"]
+stiffness = { axial = "60 N/um" }
+[joints.feet]
+between = ["ground", "base.bottom"]
+kind = "spring"
+stiffness = { x = "90 N/um", y = "110 N/um", z = "140 N/um", rx = "20e6 N m/rad", ry = "25e6 N m/rad", rz = "18e6 N m/rad" }
+[joints.pad]                                       # beside the feet: only the sum of both is felt
+between = ["ground", "base.bottom"]
+kind = "spring"
+stiffness = { z = "60 N/um" }
+[points]
+tcp = { tool = "slider.tool", work = "ground" }
+[axes.X]
+joints = ["guide_1", "guide_2", "guide_3", "guide_4", "drive"]
+direction = "x"
+[poses.middle]
+[poses.back]
+X = "-150 mm"
+[poses.out]
+X = "150 mm"
+[variants.stiff]
+"components.column.fidelity" = "rigid"
+[variants.screw]                                   # the drive's nut on a shaft from a bearing at the end of the guide
+"components.column.fidelity" = "rigid"
+"components.column.interfaces.side" = { face = "x-", rect = { center = ["0 mm", "480 mm"], size = ["40 mm", "40 mm"] } }
+"joints.drive.between" = ["slider.bottom", "column.side"]
+"joints.drive.screw" = { diameter = "12 mm" }
+[variants.turned]                                  # the column leans on a slanted base
+"components.column.rotate" = { axis = "y", angle = "12 deg" }
+"components.slider.rotate" = [{ axis = "z", angle = "30 deg" }, { axis = "x", angle = "-20 deg" }]
+[variants.fine]
+"components.column.fidelity" = "elastic"
+[analyses.modal]
+count = 6
+"""
+SCENE = _BODIES + "".join(_GUIDE.format(number=n, x=x, y=y) for n, (x, y) in enumerate(_CORNERS, 1)) + _REST
+
+STIFFNESSES = {
+    "guide_normal": ("joints.guide_*.stiffness.normal", 70.0, "N/um"),
+    "guide_lateral": ("joints.guide_*.stiffness.lateral", 55.0, "N/um"),
+    "drive": ("joints.drive.stiffness.axial", 90.0, "N/um"),
+    "feet_x": ("joints.feet.stiffness.x", 120.0, "N/um"),
+    "feet_y": ("joints.feet.stiffness.y", 75.0, "N/um"),
+    "feet_z": ("joints.feet.stiffness.z", 170.0, "N/um"),
+    "feet_rx": ("joints.feet.stiffness.rx", 14e6, "N m/rad"),
+    "feet_ry": ("joints.feet.stiffness.ry", 31e6, "N m/rad"),
+}
+
+
+def write_parameters(names: Mapping[str, float] | None = None) -> str:
+    """The eight stiffnesses as parameters of a target file, or those named."""
+    chosen = STIFFNESSES if names is None else {name: STIFFNESSES[name] for name in names}
+    return "".join(
+        f'[parameters.{name}]\nkeys = ["{key}"]\nbounds = ["{true / 10:g} {unit}", "{true * 10:g} {unit}"]\n'
+        for name, (key, true, unit) in chosen.items()
+    )
+
+
+def write_frequencies(values_hz: FloatArray) -> str:
+    """Frequencies as a target file writes them."""
+    return "[" + ", ".join(f'"{value:.15g} Hz"' for value in values_hz) + "]"
+
+
+def prepare_text(folder: Path, targets: str) -> FitProblem:
+    """The machine and the text of a target file, written into a folder and ready to be computed."""
+    scene, path = folder / "machine.toml", folder / "targets.toml"
+    scene.write_text(SCENE)
+    path.write_text(targets)
+    return prepare_problem(load_targets(path, scene), Store(folder / "store"), MPI.COMM_SELF)
+
+
+def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
+    """The machine with true values, SI, by parameter."""
+    return evaluate(problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters]))
+
+
+MEASURED = {
+    "middle": ("stiff", "middle"),
+    "out": ("stiff", "out"),
+    "back": ("stiff", "back"),
+    "column_middle": (None, "middle"),
+    "column_back": (None, "back"),
+}
+FREQUENCIES = 12
+
+
+def true_values() -> dict[str, float]:
+    """True stiffnesses, SI."""
+    return {name: parse_quantity(f"{value!r} {unit}", *DIMENSIONS).value for name, (_, value, unit) in STIFFNESSES.items()}
+
+
+def solve_measured(folder: Path) -> FitPoint:
+    """The machine with its true stiffnesses in every case that is measured."""
+    blank = write_cases([np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED), [np.full(3, 1e-9)] * len(MEASURED))
+    return solve_truth(prepare_text(folder, blank + write_parameters()), true_values())
+
+
+def measure(truth: FitPoint, seed: int, noise: float) -> str:
+    """Cases of a target file with relative noise on every frequency and compliance.
+
+    Args:
+        truth: From ``solve_measured``.
+        seed: Of the noise.
+        noise: Standard deviation, relative.
+    """
+    rng = np.random.default_rng(seed)
+    frequencies = [_disturb(state.frequencies_hz[:FREQUENCIES], noise, rng) for state in truth.states]
+    compliances = [_disturb(state.compliances, noise, rng) for state in truth.states]
+    return write_cases(frequencies, compliances)
+
+
+def _disturb(values: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(values * np.exp(noise * rng.standard_normal(len(values))))
+
+
+def write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:
+    """Cases with frequencies [Hz] and compliances at the tool in x, y, z [m/N]."""
+    text = ""
+    for (name, (variant, pose)), frequencies, values in zip(MEASURED.items(), frequencies_hz, compliances, strict=True):
+        entries = ", ".join(
+            f'{{ point = "tcp", motion = "{axis}", force = "{axis}", value = "{1e9 * value!r} um/kN" }}'
+            for axis, value in zip("xyz", map(float, values), strict=True)
+        )
+        head = f'[cases.{name}]\npose = "{pose}"\n' + (f'variant = "{variant}"\n' if variant else "")
+        text += f"{head}frequencies = {write_frequencies(frequencies)}\ncompliances = [{entries}]\n"
+    return text

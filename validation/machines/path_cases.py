@@ -1,0 +1,164 @@
+"""Second roads to the deviation from a path: absolute coordinates, every pose coupled anew, and integrators of others.
+
+Nothing is shared with the first road behind the joints' springs and the components' matrices: no coordinates about the travelling
+machine, no common shapes, no modes, no exact steps.
+"""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import cho_factor, cho_solve
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Machine, place_components
+from headstock.geometry.machine.machine_paths import MachinePath, travel_directions
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.dof_layout import lay_out_dofs, turn_dofs
+from headstock.reduction.coupling.joint_springs import place_joints
+from headstock.reduction.coupling.matrices import component_matrices
+from headstock.reduction.coupling.ports import point_rows
+from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement_checks import rigid_motions
+from headstock.solvers.errors import ModelError
+from headstock.solvers.paths.set_points import SetPoint, list_breaks, sample_move
+from headstock.solvers.second_order import Port
+
+HELD_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class AbsoluteMachine:
+    """A machine on its path in absolute displacements from where the path begins; undamped.
+
+    Attributes:
+        mass: ``(n, n)``.
+        places: ``(k,)`` at which it was coupled [m].
+        stiffnesses: ``(k, n, n)``.
+        pulls: ``(k, n)`` force per metre of travel that the set point puts on the springs: stiffness times rigid travel.
+        rows: ``(k, p, n)`` motion at the outputs.
+        drift: ``(k, p)`` that part of it per metre which is the travel itself.
+    """
+
+    mass: FloatArray
+    places: FloatArray
+    stiffnesses: FloatArray
+    pulls: FloatArray
+    rows: FloatArray
+    drift: FloatArray
+
+    def between(self, name: Literal["stiffnesses", "pulls", "rows", "drift"], position: float) -> FloatArray:
+        """A table at a position [m], linear between the places."""
+        values: FloatArray = getattr(self, name)
+        number = int(np.clip(np.searchsorted(self.places, position) - 1, 0, len(self.places) - 2))
+        low, high = self.places[number : number + 2]
+        share = (position - low) / (high - low)
+        return np.asarray((1.0 - share) * values[number] + share * values[number + 1])
+
+
+def place_absolutely(
+    parts: Mapping[str, Superelement], machine: Machine, path: MachinePath, outputs: tuple[Port, ...], places: FloatArray
+) -> AbsoluteMachine:
+    """Couple a machine anew at every place; held motions must be the same all along the path.
+
+    Raises:
+        ModelError: They are not.
+    """
+    basis = couple(parts, machine, path.pose_at(0.0)).basis
+    directions = travel_directions(machine, path)
+    stiffnesses, pulls, rows, drift = [], [], [], []
+    mass: FloatArray = np.zeros((0, 0))
+    for place in places:
+        frames = place_components(machine, path.pose_at(float(place)))
+        layout = lay_out_dofs(parts, {name: frames[name] for name in parts})
+        matrices = component_matrices(layout)
+        stacked, total = np.zeros((layout.size, layout.size)), np.zeros((layout.size, layout.size))
+        travel = np.zeros(layout.size)
+        for name, part in parts.items():
+            own = layout.offsets[name]
+            stacked[own, own], total[own, own] = matrices.stiffnesses[name], matrices.masses[name]
+            if name in directions:
+                along = frames[name].rotation.T @ directions[name]
+                travel[own] = turn_dofs(part, frames[name]).T @ rigid_motions(part, part.center_of_mass)[:, :3] @ along
+        for spring in place_joints(machine, layout):
+            if spring.held and np.abs(spring.rows[list(spring.held)] @ basis).max() > HELD_TOLERANCE:
+                raise ModelError(f"joint {spring.name!r} holds other motions along the path; this road cannot follow it")
+            stacked += spring.rows.T @ spring.stiffness @ spring.rows
+        seen = np.array(
+            [point_rows(layout, machine.points[name])[["x", "y", "z", "rx", "ry", "rz"].index(dof)] for name, dof in outputs]
+        )
+        mass = basis.T @ total @ basis
+        stiffnesses.append(basis.T @ stacked @ basis)
+        pulls.append(basis.T @ stacked @ travel)
+        rows.append(seen @ basis)
+        drift.append(seen @ travel)
+    return AbsoluteMachine(mass, places, *(np.array(item) for item in (stiffnesses, pulls, rows, drift)))
+
+
+def integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float) -> FloatArray:
+    """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from break to break."""
+    count = len(machine.mass)
+    inverse = np.linalg.inv(machine.mass)
+
+    def slope(time: float, state: FloatArray) -> FloatArray:
+        position = _stand(move, time)
+        force = position * machine.between("pulls", position) - machine.between("stiffnesses", position) @ state[:count]
+        return np.concatenate([state[count:], inverse @ force])
+
+    state, found = np.zeros(2 * count), np.zeros((len(times), count))
+    edges = [*(float(value) for value in list_breaks(move) if value < times[-1]), float(times[-1])]
+    for begin, end in itertools.pairwise(edges):
+        inside = np.flatnonzero((times >= begin - 1e-12) & (times <= end + 1e-12))
+        wanted = np.append(np.clip(times[inside], begin, end * (1.0 - 1e-15)), end)
+        solved = solve_ivp(slope, (begin, end), state, "DOP853", wanted, rtol=tolerance, atol=1e-18)
+        state, found[inside] = solved.y[:, -1], solved.y[:count, :-1].T
+    return _deviate(machine, move, times, found)
+
+
+def step_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, substeps: int) -> FloatArray:
+    """Deviation ``(n, p)`` at evenly spaced times [s] by average acceleration, a new factorisation at every step.
+
+    Source: Newmark (1959), beta 1/4 and gamma 1/2: generalised-alpha without numerical damping.
+    """
+    step = float(times[1] - times[0]) / substeps
+    count = len(machine.mass)
+    place: FloatArray = np.zeros(count)
+    speed: FloatArray = np.zeros(count)
+    rate: FloatArray = np.zeros(count)
+    found = np.zeros((len(times), count))
+    for number in range(1, (len(times) - 1) * substeps + 1):
+        position = _stand(move, number * step)
+        stiffness = machine.between("stiffnesses", position)
+        guess, fast = place + step * speed + 0.25 * step**2 * rate, speed + 0.5 * step * rate
+        rest = position * machine.between("pulls", position) - stiffness @ guess
+        rate = cho_solve(cho_factor(machine.mass + 0.25 * step**2 * stiffness, check_finite=False), rest, check_finite=False)
+        place, speed = guess + 0.25 * step**2 * rate, fast + 0.5 * step * rate
+        if number % substeps == 0:
+            found[number // substeps] = place
+    return _deviate(machine, move, times, found)
+
+
+def _deviate(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray) -> FloatArray:
+    """What the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
+    places = [_stand(move, float(time)) for time in times]
+    return np.array(
+        [
+            machine.between("rows", place) @ moved - place * machine.between("drift", place)
+            for place, moved in zip(places, displacements, strict=True)
+        ]
+    )
+
+
+def _stand(move: SetPoint, time: float) -> float:
+    """Position of linear ramps, written down once more."""
+    ramp, top = move.ramp.time_constant, move.feed
+    if move.ramp.kind != "linear":
+        return float(sample_move(move, np.array([time])).positions[0])
+    if time <= ramp:
+        return 0.5 * top / ramp * time**2
+    if time <= move.braking:
+        return top * (time - 0.5 * ramp)
+    return move.distance - 0.5 * top / ramp * max(move.duration - time, 0.0) ** 2

@@ -1,0 +1,1 @@
+"""The Tripteor and other loops, in absolute coordinates too. Never serial machines."""

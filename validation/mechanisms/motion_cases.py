@@ -1,0 +1,201 @@
+"""The Tripteor in motion: energy, orders of both integrators, drift of the constraints, and the three models on one path."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.integrate
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.kinematics import place_marks
+from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme, MotionState, integrate_motion
+from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion
+from headstock.validation.mechanisms.absolute_bodies import AbsoluteState, AbsoluteSystem, solve_instant
+from headstock.validation.mechanisms.mechanism_cases import absolute_state, absolute_tripteor
+from headstock.validation.mechanisms.tripteor_machine import load_tripteor, steady_force, swaying_drive
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+
+EXACT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-16}
+DAMPING = 2000.0  # N s/m in every compliance: about 1 % in the first modes
+POSE = "config_1"
+LOOK_EVERY = 25  # steps between two looks at the constraints
+
+
+@dataclass(frozen=True)
+class Run:
+    """A time span [s] and the numbers of steps it is cut into, each twice the one before."""
+
+    span: float
+    steps: tuple[int, ...]
+
+
+FULL_RUN = Run(0.01, (100, 200, 400, 800))
+
+
+def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> list[ValidationRow]:
+    """Energy gained is work put in, by a Runge-Kutta method of order 8 to its tolerance and by generalised-α to order 2."""
+    case, (motion, start) = "energy-balance", _moving(damped=True)
+    reference = _reference(motion, start, run.span)
+    gained = motion.energy(run.span, reference[:6], reference[6:12]) - motion.energy(0.0, *start)
+    rows = [
+        show(case, "energy gained", gained, "J", "moving legs, force on the tool, gravity, damping"),
+        judge(case, "work put in, DOP853", float(reference[12]), Target(gained, "J", 1e-9, "identity")),
+    ]
+    errors = [_energy_error(motion, start, run.span, count) for count in run.steps]
+    rows += _order_rows(case, "energy mismatch, generalised-α", run, errors)
+    return rows
+
+
+def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> list[ValidationRow]:
+    """Reduced ODE and index-3 DAE by generalised-α, both against the reduced ODE by a Runge-Kutta method of order 8."""
+    case, (motion, start) = "integration-orders", _moving()
+    reference = _reference(motion, start, run.span)[:6]
+    scale = float(np.abs(reference).max())
+    rows: list[ValidationRow] = []
+    for name, march in (("reduced ODE", _march_reduced), ("index-3 DAE", _march_full)):
+        ends = [march(motion, start, run.span / count, count) for count in run.steps]
+        errors = [float(np.abs(end.position[-6:] - reference).max()) / scale for end in ends]
+        rows += _order_rows(case, name, run, errors)
+    return rows
+
+
+def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[ValidationRow]:
+    """Violation of positions and velocities over many steps of the index-3 DAE, at the step of the contouring runs."""
+    case, (motion, start) = "constraint-drift", _moving()
+    full, first = _full_problem(motion, start)
+    seen: list[tuple[float, float]] = []
+    number = 0
+
+    def observe(state: MotionState) -> None:
+        nonlocal number
+        number += 1
+        if number % LOOK_EVERY == 0:
+            seen.append(_violations(full, state))
+
+    integrate_motion(full, first, 48e-6, count, observe=observe)
+    position, velocity = np.array(seen).T
+    return [
+        judge_bound(case, f"largest position violation in {count} steps [m, rad]", float(position.max()), 1e-12),
+        judge_bound(case, "its mean in the second half over the first, less one", _growth(position), 0.5, "no growth"),
+        judge_bound(case, f"largest velocity violation in {count} steps [m/s, rad/s]", float(velocity.max()), 1e-5),
+        judge_bound(case, "its mean in the second half over the first, less one", _growth(velocity), 0.5, "no growth"),
+    ]
+
+
+def check_million_steps(comm: MPI.Comm) -> list[ValidationRow]:
+    """The same over a million steps, 48 s of motion."""
+    return check_constraint_drift(comm, 1_000_000)
+
+
+def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
+    """Reduced ODE and absolute coordinates integrated over the same time, both by a Runge-Kutta method of order 8."""
+    case, tripteor, span = "three-models-path", load_tripteor(), 0.01
+    motion, start = _moving()
+    reference = _reference(motion, start, span)
+    coordinates = motion.at(span, reference[:6], reference[6:12]).state
+    tool = place_marks(motion.model.mechanism, coordinates).positions[motion.model.mechanism.marks.index("tcp")]
+    system = absolute_tripteor(tripteor, motion.drive)
+    first = motion.at(0.0, *start)
+    found = _integrate_absolute(system, absolute_state(tripteor, first.state, first.rates), span)
+    spindle = next(body for body in tripteor.model.bodies if body.name == "spindle")
+    place = np.array([0.0, 0.0, tripteor.scene.mounted.dimensions.tool_length]) - spindle.center
+    reached = found.place[8] + found.rotation[8] @ place
+    stretch = solve_instant(system, span, found, np.zeros(3)).stretch
+    return [
+        judge_bound(case, "tool point after 10 ms [m]", float(np.abs(reached - tool).max()), 1e-10),
+        judge_bound(case, "compliances after 10 ms, relative", _relative(stretch, reference[:6]), 1e-8),
+    ]
+
+
+def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArray, FloatArray]]:
+    """The machine on swaying drives under a turning force, and a start off equilibrium."""
+    tripteor = load_tripteor()
+    coordinates = tripteor.poses[POSE]
+    model = dataclasses.replace(tripteor.model, damping=DAMPING * np.eye(6)) if damped else tripteor.model
+    drive = swaying_drive(coordinates[model.mechanism.driven_slice])
+    motion = PartitionedMotion(model, drive, steady_force, coordinates)
+    give: FloatArray = np.zeros(6)
+    for _ in range(10):
+        still = motion.at(0.0, give, np.zeros(6))
+        give = still.load / still.stiffness
+    # from quasi-static rest, with the legs stretched further: the first three modes swing
+    return motion, (give + np.array([0.0, 4e-5, 0.0, 5e-5, 0.0, -6e-5]), np.zeros(6))
+
+
+def _reference(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float) -> FloatArray:
+    first = np.concatenate([*start, [0.0]])
+    done = scipy.integrate.solve_ivp(motion.state_rates, (0.0, span), first, **EXACT)
+    return np.asarray(done.y[:, -1])
+
+
+def _march_reduced(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int) -> MotionState:
+    return integrate_motion(motion, motion.start(0.0, *start), step, count, observe=lambda state: None)
+
+
+def _march_full(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int) -> MotionState:
+    full, first = _full_problem(motion, start)
+    return integrate_motion(full, first, step, count, observe=lambda state: None)
+
+
+def _full_problem(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray]) -> tuple[ConstrainedMotion, MotionState]:
+    full = ConstrainedMotion(motion.model, motion.drive, motion.force)
+    begun = motion.at(0.0, *start)
+    return full, full.start(0.0, begun.state[full.free], begun.rates[full.free])
+
+
+def _energy_error(motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], span: float, count: int) -> float:
+    """Energy gained less work put in, by the trapezoidal rule over the steps [J], relative."""
+    powers: list[float] = []
+
+    def observe(state: MotionState) -> None:
+        powers.append(float(motion.state_rates(state.time, np.concatenate([state.position, state.velocity, [0.0]]))[-1]))
+
+    first = motion.start(0.0, *start)
+    observe(first)
+    last = integrate_motion(motion, first, span / count, count, observe=observe, scheme=AlphaScheme(1.0))
+    gained = motion.energy(span, last.position, last.velocity) - motion.energy(0.0, *start)
+    return abs(float(np.trapezoid(powers, dx=span / count)) - gained) / abs(gained)
+
+
+def _order_rows(case: str, what: str, run: Run, errors: list[float]) -> list[ValidationRow]:
+    rows = [
+        show(case, f"{what}, {count} steps in {1e3 * run.span:g} ms", error, "-", "relative")
+        for count, error in zip(run.steps, errors, strict=True)
+    ]
+    order = float(np.log2(errors[-2] / errors[-1]))
+    return [*rows, judge(case, f"{what}, order", order, Target(2.0, "-", 0.05, "theory"), "2.0, within 0.1")]
+
+
+def _violations(full: ConstrainedMotion, state: MotionState) -> tuple[float, float]:
+    dynamics, _, _ = full.evaluate(state)
+    rates = np.concatenate([full.drive(state.time).speed, state.velocity])
+    return float(np.abs(full.residual(state)[1]).max()), float(np.abs(dynamics.closures @ rates).max())
+
+
+def _growth(values: FloatArray) -> float:
+    half = len(values) // 2
+    return max(0.0, float(values[half:].mean() / values[:half].mean() - 1.0))
+
+
+def _integrate_absolute(system: AbsoluteSystem, start: AbsoluteState, span: float) -> AbsoluteState:
+    """Bodies by velocities, rotation matrices by ``R' = omega x R``."""
+    count = len(start.place)
+
+    def unpack(values: FloatArray) -> AbsoluteState:
+        parts = np.split(values, np.cumsum([3 * count, 9 * count, 3 * count]))
+        return AbsoluteState(parts[0].reshape(-1, 3), parts[1].reshape(-1, 3, 3), parts[2].reshape(-1, 3), parts[3].reshape(-1, 3))
+
+    def rates(time: float, values: FloatArray) -> FloatArray:
+        state = unpack(values)
+        found = solve_instant(system, time, state, steady_force(time))
+        turning = np.cross(state.spin[:, None, :], np.swapaxes(state.rotation, 1, 2))
+        parts = (state.velocity, np.swapaxes(turning, 1, 2), found.acceleration, found.spin_rate)
+        return np.concatenate([part.ravel() for part in parts])
+
+    first = np.concatenate([part.ravel() for part in (start.place, start.rotation, start.velocity, start.spin)])
+    return unpack(scipy.integrate.solve_ivp(rates, (0.0, span), first, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1])
+
+
+def _relative(value: FloatArray, right: FloatArray) -> float:
+    return float(np.abs(value - right).max() / np.abs(right).max())

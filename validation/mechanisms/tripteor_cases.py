@@ -1,0 +1,168 @@
+"""The Tripteor with elastic legs: beside the measured modes, beside the lumped model, and by second roads."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.validation.mechanisms.tripteor_legs import PLATFORM_PARTS, LeggedTripteor, load_legs, solve_beams
+from headstock.validation.mechanisms.tripteor_machine import load_tripteor
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.values import reference_case
+
+COMPLIANCES = Path(__file__).with_name("tripteor_compliances.toml")
+POSES = ("config_1", "config_2", "config_3")
+HELD_OUT = "config_1"
+WITHIN = 0.10
+BANDS = {2: (48.0, 58.0), 4: (85.0, 100.0)}
+# the first three of the six lumped modes; the others are swings of the legs near 600 Hz, which legs 1e4 times as stiff still feel
+PLATFORM_MODES = 3
+STIFF_WITHIN, SWING_WITHIN = 1e-3, 5e-3
+FE_WITHIN, BEAM_WITHIN = 5e-3, 5e-4
+COUNT, SEGMENTS = 6, 10
+
+
+def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
+    """Four modes of the machine with segmented legs against the measured ones, and what was asked of them."""
+    case, tripteor = "tripteor-elastic-legs", load_legs("elastic_legs+segmented")
+    found = {pose: _solve(tripteor, pose) for pose in POSES}
+    rows = []
+    for pose in POSES:
+        note = "held out" if pose == HELD_OUT else "calibrated on it, not validated"
+        for number, right in enumerate(_measured(pose), 1):
+            target = Target(float(right), "Hz", WITHIN, "published")
+            rows.append(judge(case, f"{pose} f{number}, measured mode {number}", float(found[pose][number - 1]), target, note))
+    for number, (low, high) in BANDS.items():
+        inside = sum(low <= found[pose][number - 1] <= high for pose in POSES)
+        wanted = Target(float(len(POSES)), "-", 0.0, "claim")
+        rows.append(judge(case, f"poses with f{number} between {low:g} and {high:g} Hz", float(inside), wanted, _held(inside == 3)))
+    lumped = _lumped_frequencies()
+    between = sum(bool(lumped[pose][0] < found[pose][1] < lumped[pose][1]) for pose in POSES)
+    target = Target(float(len(POSES)), "-", 0.0, "claim")
+    rows.append(judge(case, "poses with f2 between both lumped modes", float(between), target, _held(between == 3)))
+    rows.append(judge_bound(case, "further modes below the fourth measured one", float(_further(found)), 0.5, "none was measured"))
+    return rows + [row for pose in POSES for row in _likeness_rows(case, tripteor, pose)]
+
+
+def check_leg_roads(comm: MPI.Comm) -> list[ValidationRow]:
+    """Finite-element and segmented legs against beam elements in a model of their own; stiff legs against the lumped model."""
+    case, rows = "tripteor-leg-roads", []
+    segmented, meshed, stiff = (load_legs(name) for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented"))
+    lumped = _lumped_frequencies()
+    for pose in POSES:
+        beams = solve_beams(segmented, pose, COUNT)
+        for name, tripteor, bound in (("finite elements", meshed, FE_WITHIN), ("20 segments", segmented, BEAM_WITHIN)):
+            error = _largest(_solve(tripteor, pose) / beams)
+            rows.append(judge_bound(case, f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound))
+        ratio = _solve(stiff, pose) / lumped[pose]
+        rows.append(
+            judge_bound(
+                case,
+                f"{pose}: {PLATFORM_MODES} platform modes, stiff legs off lumped by",
+                _largest(ratio[:PLATFORM_MODES]),
+                STIFF_WITHIN,
+            )
+        )
+        rows.append(
+            judge_bound(
+                case,
+                f"{pose}: 3 swings of legs near 600 Hz, stiff legs off lumped by",
+                _largest(ratio[PLATFORM_MODES:]),
+                SWING_WITHIN,
+                "bending of legs 1e4 times as stiff",
+            )
+        )
+    return rows
+
+
+def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
+    """One compliance after the other beside elastic legs, each fitted to all twelve frequencies: which could be the missing one."""
+    case, rows = "tripteor-compliances", []
+    with COMPLIANCES.open("rb") as file:
+        candidates: dict[str, Any] = tomllib.load(file)
+    for name, entry in candidates.items():
+        settings = (*entry["set"], *(f"{key}={value}" for key, value in _leg_settings(entry).items()))
+        tripteor = load_legs(entry["variant"], settings)
+        errors = np.concatenate([_solve(tripteor, pose, 4) / _measured(pose) - 1.0 for pose in POSES])
+        rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
+        rows.append(
+            show(
+                case,
+                f"{name}: deviation of four modes in three poses, rms",
+                rms,
+                "-",
+                f"largest {100 * largest:.0f} %; {entry['what']}",
+            )
+        )
+    return rows
+
+
+def _leg_settings(entry: dict[str, Any]) -> dict[str, str]:
+    """Tube, springs at its tip and screw of a candidate, for every leg."""
+    found = {}
+    for leg in (1, 2, 3):
+        if "tube" in entry:
+            outer, inner = entry["tube_3"] if leg == 3 and "tube_3" in entry else entry["tube"]
+            found[f"components.beam_{leg}.solid.tube"] = f'{{ outer = "{outer}", inner = "{inner}", length = "1900 mm" }}'
+        found[f"joints.screw_{leg}.stiffness.axial"] = f'"{entry["tip"]}"'
+        found[f"components.beam_{leg}.segments.count"] = str(SEGMENTS)
+    return found
+
+
+def _solve(tripteor: LeggedTripteor, pose: str, count: int = COUNT) -> FloatArray:
+    return solve_modal(tripteor.couple(pose).system, count=count).frequencies_hz
+
+
+def _measured(pose: str) -> FloatArray:
+    values = reference_case("tripteor-measured").values
+    return np.array([values[f"{pose} mode {number}"] for number in range(1, 5)])
+
+
+def _lumped_frequencies() -> dict[str, FloatArray]:
+    lumped = load_tripteor()
+    return {pose: solve_pose_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz for pose in POSES}
+
+
+def _further(found: dict[str, FloatArray]) -> int:
+    return sum(int(np.count_nonzero(found[pose][4:] < _measured(pose)[3])) for pose in POSES)
+
+
+def _likeness_rows(case: str, tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
+    """MAC of the platform's motion in each of the first four modes with the first two modes on rigid legs."""
+    rigid = load_legs("components").couple(pose)
+    elastic = tripteor.couple(pose)
+    mac = _likeness(_platform_motion(rigid, 2), _platform_motion(elastic, 4))
+    return [
+        show(case, f"{pose}: platform motion of f{mode + 1}, MAC with lumped f{lumped + 1}", float(mac[lumped, mode]), "-")
+        for lumped, mode in ((0, 0), (0, 2), (1, 0), (1, 2))
+    ]
+
+
+def _platform_motion(coupled: CoupledMachine, count: int) -> FloatArray:
+    """Motion of platform, wrist and spindle in the first modes, weighed by the root of their mass."""
+    stacked = coupled.basis @ solve_modal(coupled.system, count=count).shapes
+    roots = []
+    for name in PLATFORM_PARTS:
+        levels, vectors = np.linalg.eigh(coupled.matrices.masses[name])
+        roots.append((vectors * np.sqrt(np.maximum(levels, 0.0))).T @ stacked[coupled.offsets[name]])
+    return np.vstack(roots)
+
+
+def _likeness(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Modal assurance criterion of every pair of columns (Allemang and Brown 1982)."""
+    sizes = np.outer((first**2).sum(axis=0), (second**2).sum(axis=0))
+    return np.asarray((first.T @ second) ** 2 / sizes)
+
+
+def _largest(ratio: FloatArray) -> float:
+    return float(np.abs(ratio - 1.0).max())
+
+
+def _held(yes: bool) -> str:
+    return "held" if yes else "not held"

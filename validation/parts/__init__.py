@@ -1,0 +1,1 @@
+"""Single components: benchmarks, orders, reduction, and second implementations of them. Never machines."""

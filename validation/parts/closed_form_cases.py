@@ -1,0 +1,108 @@
+"""Cases that hold the closed forms to their tabled values: no finite elements."""
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.parts.materials import Material
+from headstock.validation.references.bending import (
+    cantilever_force_deflection,
+    cantilever_moment_deflection,
+    euler_bernoulli_frequencies,
+    fixed_beam_deflection,
+    strip_frequencies,
+)
+from headstock.validation.references.lumped_block import SprungBlock, block_frequencies
+from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
+from headstock.validation.references.rods import axial_extension, axial_frequencies
+from headstock.validation.references.rows import ValidationRow, judge_all
+from headstock.validation.references.saint_venant import cantilever_twist, fixed_beam_twist, torsion_constant, torsional_frequencies
+from headstock.validation.references.timoshenko import cantilever_shear_deflection, timoshenko_frequencies
+from headstock.validation.references.torsion import clamped_clamped_torsion, clamped_free_torsion
+from headstock.validation.references.values import reference_case
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+CANTILEVER = PrismaticBeam(0.5, 0.1, 0.038, STEEL)
+FIXED_BEAM = PrismaticBeam(0.75, 0.25, 0.032, STEEL)
+DEEP_BEAM = PrismaticBeam(10.0, 2.0, 2.0, Material("nafems", 200e9, 0.3, 8000.0))
+SLENDER_BEAM = PrismaticBeam(0.5, 0.05, 0.005, Material("sdll02", 210e9, 0.3, 7800.0))
+ROD = PrismaticBeam(1.0, 0.05, 0.05, Material("nu0", 210e9, 0.0, 7850.0))
+BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
+
+
+def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """Frequencies and compliances of the seed's column by beam theories."""
+    along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
+    frequencies = [
+        *euler_bernoulli_frequencies(along_x, "clamped-free", 3),
+        *euler_bernoulli_frequencies(along_y, "clamped-free", 2),
+        *timoshenko_frequencies(along_x, "clamped-free", 3),
+        *timoshenko_frequencies(along_y, "clamped-free", 2),
+        *torsional_frequencies(along_x, "clamped-free", 1),
+        *clamped_free_torsion(along_x, 1),
+        *axial_frequencies(along_x, "clamped-free", 1),
+    ]
+    deflections = [
+        cantilever_force_deflection(along_x, 1e3),
+        cantilever_shear_deflection(along_x, 1e3),
+        cantilever_force_deflection(along_y, 1e3),
+        cantilever_shear_deflection(along_y, 1e3),
+        axial_extension(along_x, 1e3),
+        cantilever_moment_deflection(along_y, 1.0),
+        cantilever_moment_deflection(along_x, 1.0),
+        cantilever_twist(along_x, 1.0) * along_x.width / 2.0,
+    ]
+    name = "seed-cantilever-theory"
+    rows = judge_all(name, reference_case("seed-cantilever-theory"), frequencies)
+    return rows + judge_all(name, reference_case("seed-cantilever-static-theory"), 1e6 * np.array(deflections))
+
+
+def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """Frequencies and deflections of the seed's fixed beam by beam theories."""
+    flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
+    frequencies = [
+        *euler_bernoulli_frequencies(flat, "clamped-clamped", 3),
+        *torsional_frequencies(flat, "clamped-clamped", 1),
+        *clamped_clamped_torsion(flat, 2),
+        *strip_frequencies(flat, "clamped-clamped", 1),
+        *euler_bernoulli_frequencies(upright, "clamped-clamped", 1),
+        *timoshenko_frequencies(upright, "clamped-clamped", 1),
+    ]
+    bending = fixed_beam_deflection(flat, 1e3)
+    offset = 0.1
+    deflections = [bending, bending + offset * fixed_beam_twist(flat, 1e3 * offset)]
+    name = "seed-fixed-beam-theory"
+    rows = judge_all(name, reference_case("seed-fixed-beam-theory"), frequencies)
+    return rows + judge_all(name, reference_case("seed-fixed-beam-static-theory"), 1e6 * np.array(deflections))
+
+
+def check_torsion_constants(comm: MPI.Comm) -> list[ValidationRow]:
+    """Saint-Venant's torsion constant of three rectangles."""
+    values = [torsion_constant(ratio, 1.0) / ratio for ratio in (1.0, 2.631579, 7.8125)]
+    return judge_all("torsion-constant", reference_case("torsion-constant"), values)
+
+
+def check_deep_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """FV5 by Timoshenko's and Saint-Venant's theory."""
+    values = [
+        *timoshenko_frequencies(DEEP_BEAM, "supported-supported", 3),
+        *torsional_frequencies(DEEP_BEAM, "clamped-free", 2),
+        *axial_frequencies(DEEP_BEAM, "clamped-free", 1),
+        *euler_bernoulli_frequencies(DEEP_BEAM, "supported-supported", 1),
+    ]
+    return judge_all("fv5-theory", reference_case("fv5-theory"), values)
+
+
+def check_slender_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """SDLL02 by Euler and Bernoulli's theory."""
+    values = euler_bernoulli_frequencies(SLENDER_BEAM, "clamped-free", 5)
+    return judge_all("sdll02-theory", reference_case("slender-cantilever"), values, tolerance=1e-5)
+
+
+def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """Axial frequencies of the rod without lateral contraction."""
+    return judge_all("rod-theory", reference_case("rod"), axial_frequencies(ROD, "clamped-free", 3), tolerance=1e-8)
+
+
+def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
+    """The block on four air springs in closed form."""
+    return judge_all("block-theory", reference_case("block"), block_frequencies(BLOCK))

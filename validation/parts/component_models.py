@@ -1,0 +1,142 @@
+"""Unreduced finite element models of one component: modes and static displacements to hold reduced ones against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.parts.components import Support
+from headstock.geometry.parts.materials import Material
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
+from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
+from headstock.solvers.ranks import sum_over_ranks
+
+_BLOCK = 6
+_FREE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class FullModel:
+    """Operators of a component and what holds it.
+
+    Attributes:
+        mesh: Its mesh.
+        operators: Stiffness and mass, distributed.
+        held: ``(n_points, 3)`` mesh dofs that do not move.
+        means: ``(n_points, 3, n_c)`` weighted means of the displacement that vanish.
+    """
+
+    mesh: ComponentMesh
+    operators: ElasticOperators
+    held: BoolArray
+    means: FloatArray
+
+    def owned(self, field: FloatArray) -> FloatArray:
+        """The rows that this rank owns ``(3 n_owned, k)`` of a field on all mesh points ``(n_points, 3, k)``."""
+        return np.asarray(field[self.operators.nodes].reshape(self.operators.owned_dofs, -1), dtype=float)
+
+    @property
+    def owned_held(self) -> BoolArray:
+        """The held dofs among this rank's ``(3 n_owned,)``."""
+        return self.held[self.operators.nodes].ravel()
+
+    def everywhere(self, vectors: FloatArray) -> FloatArray:
+        """The field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned, k)``."""
+        field = np.zeros((len(self.mesh.points), 3, vectors.shape[1]))
+        field[self.operators.nodes] = vectors.reshape(-1, 3, vectors.shape[1])
+        return sum_over_ranks(self.operators.comm, field)
+
+
+@dataclass(frozen=True, eq=False)
+class FullModes:
+    """Natural frequencies [Hz] ``(m,)`` and mass-normalised shapes on this rank's rows ``(3 n_owned, m)``."""
+
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+
+
+def full_model(
+    mesh: ComponentMesh, material: Material, *, comm: MPI.Comm, held: BoolArray | None = None, means: FloatArray | None = None
+) -> FullModel:
+    """Assemble stiffness and mass of a component; held by nothing unless told.
+
+    Args:
+        mesh: The same on every rank.
+        material: Isotropic material.
+        comm: Communicator; collective.
+        held: ``(n_points, 3)`` dofs that do not move.
+        means: ``(n_points, 3, n_c)`` means that vanish.
+    """
+    shape = (len(mesh.points), 3)
+    operators = assemble_elasticity(mesh, material, comm=comm, with_mass=True)
+    no_dofs, no_means = np.zeros(shape, dtype=bool), np.zeros((*shape, 0))
+    return FullModel(mesh, operators, no_dofs if held is None else held, no_means if means is None else means)
+
+
+def held_by(mesh: ComponentMesh, supports: Sequence[Support]) -> BoolArray:
+    """Dofs ``(n_points, 3)`` that supports hold, from the patch groups of a mesh."""
+    held = np.zeros((len(mesh.points), 3), dtype=bool)
+    for support in supports:
+        directions = ["xyz".index(direction) for direction in support.directions]
+        nodes = np.unique(mesh.patches[f"support:{support.name}"])
+        for direction in directions:
+            held[nodes, direction] = True
+    return held
+
+
+def full_modes(model: FullModel, count: int) -> FullModes:
+    """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions that nothing holds.
+
+    Raises:
+        ConvergenceError: The eigensolver did not finish.
+
+    Source: Geradin and Rixen (2015), section 2.6, elimination of the rigid-body modes.
+    """
+    operators = model.operators
+    free = free_motions(model)
+    constraints = np.hstack([model.owned(model.means), operators.apply_mass(free) if free.shape[1] else free])
+    # the same start on any number of ranks
+    start = model.owned(np.random.default_rng(0).standard_normal((*model.held.shape, _BLOCK)))
+    with ConstrainedSolver(operators, model.owned_held, constraints) as solver:
+        dimension = solver.free_total - constraints.shape[1]
+        target = ModeTarget(count=min(count, dimension))
+        pairs = lowest_eigenpairs(solver.apply, operators.apply_mass, start, target, comm=operators.comm, dimension=dimension)
+    return FullModes(np.sqrt(pairs.values) / (2.0 * np.pi), pairs.vectors)
+
+
+def free_motions(model: FullModel) -> FloatArray:
+    """The rigid motions that neither held dofs nor means prevent, on this rank's rows ``(3 n_owned, m)``."""
+    motions = rigid_motions(model.operators)
+    held, means = model.owned_held, model.owned(model.means)
+    blocked = sum_over_ranks(model.operators.comm, motions[held].T @ motions[held])
+    means_of_motions = sum_over_ranks(model.operators.comm, means.T @ motions)
+    sizes = np.linalg.norm(means_of_motions, axis=1, keepdims=True)
+    rows = means_of_motions / np.where(sizes > 0.0, sizes, 1.0)
+    values, vectors = np.linalg.eigh(blocked + rows.T @ rows)
+    return np.asarray(motions @ vectors[:, values < _FREE * max(values[-1], 1.0)])
+
+
+def rigid_frequencies(model: FullModel) -> FloatArray:
+    """Rayleigh quotients of the six rigid motions as frequencies [Hz] ``(6,)``: what rounding makes of zero."""
+    motions = rigid_motions(model.operators)
+    comm = model.operators.comm
+    stiffness = sum_over_ranks(comm, motions.T @ model.operators.apply_stiffness(motions))
+    mass = sum_over_ranks(comm, motions.T @ model.operators.apply_mass(motions))
+    factor = np.linalg.cholesky(mass)
+    values = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, stiffness).T))
+    return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
+
+
+def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
+    """Static displacement on all mesh points ``(n_points, 3)`` under nodal loads ``(n_points, 3)`` [N].
+
+    Raises:
+        ConvergenceError: The solve keeps a residual.
+        ModelError: A rigid motion is free.
+    """
+    with ConstrainedSolver(model.operators, model.owned_held, model.owned(model.means)) as solver:
+        return model.everywhere(solver.solve(model.owned(loads)))[:, :, 0]

@@ -1,0 +1,103 @@
+"""Thin plates down to 1:1000 as solid elements, one through the thickness, against plate theory or finer meshes, and what they cost."""
+
+import time
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
+from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.solids import Box
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.references.rows import Target, ValidationRow, judge, show
+
+CASE = "thin-parts"
+SIDE = 0.4
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+# omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973), J. Sound Vib. 31, tables C10 and C15
+HINGED = np.array([2.0, 5.0, 5.0]) * np.pi**2
+ONE_FACE = np.array([3.4917, 8.5246, 21.429])
+TWO_FACES = np.array([22.272, 26.529, 43.664])
+TOLERANCE = 0.01
+# meshes that hold 1 % in three frequencies, and what tets say at 1:1000
+MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025),)}
+COUPLINGS: tuple[Literal["average", "rigid"], ...] = ("average", "rigid")
+LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
+
+
+def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
+    """Three frequencies of square plates held at hinged edges, one end face and two end faces, hexes and tets."""
+    rows: list[ValidationRow] = []
+    for ratio, meshes in MESHES.items():
+        for cells, size in meshes:
+            for held, factors in (("hinged edges", HINGED), ("one face", ONE_FACE), ("two faces", TWO_FACES)):
+                found, dofs, seconds = _frequencies(held, SIDE / ratio, cells, size, comm)
+                exact = plate_frequencies(factors, SIDE / ratio)
+                worst = int(np.argmax(np.abs(found / exact - 1.0)))
+                text = f"1:{ratio} {held}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
+                target = Target(float(exact[worst]), "Hz", TOLERANCE, "closed form" if held == "hinged edges" else "published")
+                rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s"))
+    for ratio, cells, size in LOCKED:
+        found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
+        share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
+        note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
+        rows.append(show(CASE, f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory", share, "-", note))
+    return rows + _check_pads(comm)
+
+
+def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
+    """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against finer ones."""
+    rows: list[ValidationRow] = []
+    for coupling in COUPLINGS:
+        exact, _, _ = _reduce(_sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm)
+        found, dofs, seconds = _reduce(_sheet_on_pads(coupling, MeshSettings(0.015, cells="hex")), (), comm)
+        worst = int(np.argmax(np.abs(found / exact - 1.0)))
+        text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
+        target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
+        rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"))
+    return rows
+
+
+def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings) -> Component:
+    """A sheet of 400 x 300 x 2 mm, 30 mm square pads below its corners."""
+    centers = [(x, y, 0.0) for x in (-0.17, 0.17) for y in (-0.12, 0.12)]
+    pads = [Patch("z-", shape="rect", center=center, size=(0.03, 0.03)) for center in centers]
+    interfaces = {f"pad_{i}": Interface(f"pad_{i}", (pad,), coupling) for i, pad in enumerate(pads)}
+    return Component("sheet", Box((SIDE, 0.3, 0.002)), STEEL, interfaces=interfaces, mesh=settings)
+
+
+def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
+    """Natural frequencies [Hz] of a thin square plate from ``omega a^2 sqrt(rho h / D)``.
+
+    Source: Leissa (1973).
+    """
+    rigidity = STEEL.youngs_modulus * thickness**3 / (12.0 * (1.0 - STEEL.poisson_ratio**2))
+    return np.asarray(factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness)))
+
+
+def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> tuple[FloatArray, int, float]:
+    """Three frequencies [Hz], dofs, and processor seconds of the reduction."""
+    faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(held, ())
+    interfaces = {f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)}
+    edges = {"x-": ("y", "z"), "x+": ("y", "z"), "y-": ("x", "z"), "y+": ("x", "z")} if not faces else {}
+    supports = [Support(face, "plate", (Patch(face),), fixed) for face, fixed in edges.items()]
+    mesh_settings = MeshSettings(size, cells="hex" if cells == "hex" else "tet")
+    plate = Component("plate", Box((SIDE, SIDE, thickness)), STEEL, interfaces=interfaces, mesh=mesh_settings)
+    return _reduce(plate, supports, comm)
+
+
+def _reduce(plate: Component, supports: Sequence[Support], comm: MPI.Comm) -> tuple[FloatArray, int, float]:
+    mesh = shared_mesh(plate, supports, (), comm=comm)
+    start = time.process_time()
+    request = ReductionRequest(modes=ModeTarget(count=3), recovery=False, errors=False)
+    element = reduce_elastic(plate, mesh, supports, (), comm=comm, request=request)
+    seconds = time.process_time() - start
+    check_superelement(element)
+    return element.modal_frequencies_hz[:3], 3 * len(mesh.points), seconds

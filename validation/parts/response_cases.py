@@ -1,0 +1,87 @@
+"""Frequency responses: modes left out of a beam, and a reduced column against direct solves of its whole model."""
+
+import dataclasses
+
+import numpy as np
+import scipy.sparse.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.parts.components import ReductionSettings
+from headstock.geometry.parts.materials import Material
+from headstock.pipeline.planning.planner import FRF_MARGIN
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.requests import ReductionRequest, mode_target
+from headstock.solvers.linear.frequency_response import solve_frf
+from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.validation.parts.beam_components import COLUMN_SIZE, column, face_interface, mesh_settings
+from headstock.validation.parts.closed_form_cases import STEEL
+from headstock.validation.parts.line_elements import TIP, cantilever_system
+from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.parts.scipy_models import ConstrainedMatrices, rigid_face_matrices
+from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound
+from headstock.validation.references.values import reference_case
+
+UNIT_BEAM = PrismaticBeam(1.0, 1.0, 12.0 ** (1.0 / 3.0), Material("unit", 1.0, 0.3, 1.0))
+ELEMENTS = 60
+COLUMN_MESH = 0.05
+TO_HZ = 800.0
+# between, beside and on resonances (128, 326 and 779 Hz), up to 1.5 times the highest frequency asked for
+FREQUENCIES = np.array([0.0, 10.0, 100.0, 128.0, 250.0, 326.0, 600.0, 779.0, 800.0, 1000.0, 1200.0])
+LOSS_FACTOR = 0.04
+RESPONSE_TOLERANCE = 1e-2
+PORTS = tuple(("tip", dof) for dof in DOF_NAMES[:3])
+
+
+def check_beam_truncation(comm: MPI.Comm) -> list[ValidationRow]:
+    """DER-MODETRUNC: share of a cantilever's tip compliance in its first modes, and with static correction."""
+    coordinates = to_modal_coordinates(cantilever_system(UNIT_BEAM, ELEMENTS), [TIP], [TIP])
+    if coordinates is None:
+        raise ValueError("the beam has no modal coordinates")
+    whole = float(coordinates.elastic[0, 0])
+    parts = [1.0 - float(keep_modes(coordinates, count).residual[0, 0]) / whole for count in range(1, 6)]
+    rows = judge_all("beam-truncation", reference_case("mode-truncation"), parts)
+    return [*rows, judge("beam-truncation", "with static correction", whole, Target(1.0 / 3.0, "-", 1e-8, "closed form"))]
+
+
+def check_column_response(comm: MPI.Comm) -> list[ValidationRow]:
+    """Nine responses at the tip, modes kept as the planner keeps them, against direct solves of the whole model."""
+    system, whole = column_models(comm)
+    found = solve_frf(system, FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
+    rows: list[ValidationRow] = []
+    for hz, value in zip(FREQUENCIES, found, strict=True):
+        right = direct_response(whole, hz)
+        error = float(np.abs(value - right).max() / np.abs(right).max())
+        note = "largest difference of nine entries over the largest entry"
+        rows.append(judge_bound("column-response", f"{hz:g} Hz", error, 1e-8 if hz == 0.0 else RESPONSE_TOLERANCE, note))
+    return rows
+
+
+def column_models(comm: MPI.Comm, size: float = COLUMN_MESH) -> tuple[SecondOrderSystem, ConstrainedMatrices]:
+    """The seed's column clamped at its foot with one loss factor, reduced for responses up to ``TO_HZ``, and whole."""
+    interfaces = {name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))}
+    part = column(mesh_settings("hex27", size), interfaces)
+    part = dataclasses.replace(part, reduction=ReductionSettings(modes_to_hz=FRF_MARGIN * TO_HZ))
+    mesh = shared_mesh(part, comm=comm)
+    element = reduce_elastic(part, mesh, comm=comm, request=ReductionRequest(modes=mode_target(part), recovery=False))
+    clamp = Joint("clamp", (JointEnd(), JointEnd("column", "foot")), "rigid", held=(0, 1, 2, 3, 4, 5))
+    points = {"tip": Point("tip", JointEnd("column", "tip"), JointEnd())}
+    machine = Machine("column", {"column": part}, {"clamp": clamp}, points)
+    bare = couple({"column": element}, machine, Pose("reference")).system
+    centers: dict[str, FloatArray] = {"foot": np.zeros(3), "tip": np.array([0.0, 0.0, COLUMN_SIZE[2]])}
+    whole = rigid_face_matrices(mesh, STEEL, centers)
+    return dataclasses.replace(bare, hysteretic=LOSS_FACTOR * bare.stiffness), whole
+
+
+def direct_response(whole: ConstrainedMatrices, hz: float) -> ComplexArray:
+    """Receptance ``(3, 3)`` at the tip by one sparse factorisation; at 0 Hz nothing is lost."""
+    lossy = (1.0 + 1j * (LOSS_FACTOR if hz > 0.0 else 0.0)) * whole.stiffness[6:, 6:]
+    dynamic = (lossy - (2.0 * np.pi * hz) ** 2 * whole.mass[6:, 6:]).tocsc()
+    loads = np.zeros((dynamic.shape[0], 3), dtype=complex)
+    loads[:3] = np.eye(3)
+    return np.asarray(scipy.sparse.linalg.splu(dynamic).solve(loads)[:3])

@@ -1,0 +1,114 @@
+"""Rows of the validation table: a value, what it should be, and whether it is."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from headstock.validation.references.values import ReferenceCase
+
+
+@dataclass(frozen=True)
+class ValidationRow:
+    """One number held against another.
+
+    Attributes:
+        case: Case name.
+        quantity: What was computed.
+        value: The number, NaN when the computation failed.
+        reference: What it is held against, NaN where there is nothing to compare with.
+        unit: Unit of both.
+        relative_error: ``value / reference - 1``; the value itself where the reference is zero.
+        tolerance: Largest allowed size of the relative error, NaN where the row is shown only.
+        kind: Where the reference comes from: ``published``, ``closed form``, ``converged 3D``, ``identity``, ``shown only``...
+        passed: Within the tolerance; always true for rows that are shown only.
+        note: What a reader should know.
+    """
+
+    case: str
+    quantity: str
+    value: float
+    reference: float
+    unit: str
+    relative_error: float
+    tolerance: float
+    kind: str
+    passed: bool
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a value is held against.
+
+    Attributes:
+        reference: The right value, NaN when there is none.
+        unit: Its unit.
+        tolerance: Largest allowed relative error, NaN for a row that is shown only.
+        kind: Where the reference comes from.
+    """
+
+    reference: float
+    unit: str
+    tolerance: float
+    kind: str
+
+
+KIND_OF_PROVENANCE = {
+    "published": "published",
+    "derived-closed-form": "closed form",
+    "derived-numerical": "converged 3D",
+}
+SHOWN_ONLY = "shown only"
+
+
+def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
+    """A row that passes when the value lies within the target's tolerance; a value that is not finite never passes."""
+    # plain numbers: numpy's own do not go into JSON
+    value, right, allowed = float(value), float(target.reference), float(target.tolerance)
+    error = value / right - 1.0 if right else value
+    passed = math.isfinite(value) and (math.isnan(allowed) or abs(error) <= allowed)
+    return ValidationRow(case, quantity, value, right, target.unit, error, allowed, target.kind, passed, note)
+
+
+def judge_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
+    """A row for an order of convergence, which passes within 0.2 of what theory promises."""
+    return judge(case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2")
+
+
+def judge_bound(case: str, quantity: str, value: float, bound: float, note: str = "") -> ValidationRow:
+    """A row for a number that should be zero and may be as large as a bound."""
+    return judge(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
+
+
+def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
+    """A row that is printed for the reader and cannot fail unless it is not finite."""
+    return judge(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
+
+
+def judge_all(
+    case: str, reference: ReferenceCase, values: Iterable[float], *, tolerance: float | None = None, notes: Sequence[str] = ()
+) -> list[ValidationRow]:
+    """One row for each value of a reference case, in its order.
+
+    Args:
+        case: Case name for the rows.
+        reference: What the values are held against.
+        values: As many as the reference has.
+        tolerance: In place of the reference's own.
+        notes: As many as there are values, or none.
+
+    Raises:
+        ValueError: The numbers of values differ.
+    """
+    allowed = reference.tolerance if tolerance is None else tolerance
+    kind = KIND_OF_PROVENANCE[reference.provenance]
+    remarks = notes or [""] * len(reference.values)
+    return [
+        judge(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
+        for (quantity, right), value, note in zip(reference.values.items(), values, remarks, strict=True)
+    ]
+
+
+def failed_computation(case: str, reason: str) -> ValidationRow:
+    """The row of a case that ended with an error in place of numbers."""
+    return ValidationRow(case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason)
