@@ -8,8 +8,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh, IntArray, MeshQuality
 from headstock.meshing.components.meshing import mesh_component

@@ -1,4 +1,7 @@
-"""The state space of a machine in a pose, as a file for MATLAB."""
+"""The state space of a machine in a pose, as a file for MATLAB.
+
+One component of a scene as a superelement file that other scenes can read.
+"""
 
 import dataclasses
 import io
@@ -11,18 +14,18 @@ from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.stages.damped_machines import damp_system
+from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.storage.outputs import check_output, write_output
+from headstock.pipeline.storage.outputs import OutputError, check_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.pipeline.storage.superelements import write_superelement
 from headstock.scene.requests import Analyses, FrfRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
-from headstock.solvers.rank_messages import share_from_root
-from headstock.solvers.second_order import Port
-from headstock.solvers.system_ports import name_port
+from headstock.solvers.ranks import share_from_root
+from headstock.solvers.second_order import Port, name_port
 
 
 def export_state_space(
@@ -92,3 +95,41 @@ def _ports(scene: Scene) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
     if not ports:
         raise ModelError("there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs")
     return ports, ports
+
+
+def export_superelement(
+    scene: Scene, component: str, path: Path, *, comm: MPI.Comm, store: Store | None = None, origin: Provenance | None = None
+) -> str:
+    """Reduce a component as its scene says and write it; read it back with ``solid = { superelement = "x.h5" }``.
+
+    Args:
+        scene: The scene; the same on every rank.
+        component: Name of one of its components.
+        path: File to write, whole or not at all.
+        comm: Collective.
+        store: Where meshes and superelements are kept; by default the user's.
+        origin: Written with it.
+
+    Returns:
+        What was written, in a few words; on every rank.
+
+    Raises:
+        ModelError: The scene has no such component.
+        HeadstockError: The reduction or the file failed.
+    """
+    if not path.absolute().parent.is_dir():
+        raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
+    check_output(path)
+    plan = plan_scene(scene)
+    if component not in plan.components:
+        raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
+    state = RunState(scene, plan, comm, store or Store(default_store_root()))
+    for stage in plan.stages:
+        if stage.component == component:
+            HANDLERS[stage.kind](state, stage)
+    text = ""
+    if state.is_root:
+        superelement = state.reduced[component].superelement
+        write_superelement(path, superelement, origin)
+        text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
+    return str(share_from_root(comm, text))

@@ -15,7 +15,7 @@ from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources_2 import measure
+from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
@@ -26,29 +26,29 @@ from headstock.pipeline.stages.components import (
     run_rigid_stage,
     run_segment_stage,
 )
-from headstock.pipeline.stages.contouring_stage import run_contour_stage
+from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
 from headstock.pipeline.stages.machine import run_couple_stage, run_modal_stage, run_static_stage
-from headstock.pipeline.stages.map_stage import run_map_stage
+from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import (
     run_lumped_frf_stage,
     run_lumped_modal_stage,
     run_lumped_static_stage,
     run_place_stage,
 )
-from headstock.pipeline.stages.path_stage import run_path_stage
+from headstock.pipeline.stages.path import run_path_stage
 from headstock.pipeline.stages.probes import run_recover_stage
-from headstock.pipeline.stages.result_warnings import find_warnings
 from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.stages.spread import run_spread_stage
 from headstock.pipeline.stages.volume_files import write_volumes
+from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.scene import Scene
-from headstock.solvers.rank_messages import share_from_root
+from headstock.solvers.ranks import share_from_root
 
 Observer = Callable[[StageRecord], None]
 Announcer = Callable[[Stage], None]

@@ -7,8 +7,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
-from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations
-from headstock.geometry.machine.rail_spans import rail_span
+from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations, rail_span
 from headstock.geometry.parts.components import Component, Interface
 from headstock.solvers.errors import ModelError
 

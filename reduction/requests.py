@@ -12,8 +12,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load
-from headstock.reduction.superelement import StaticLoad, Superelement
-from headstock.reduction.truncation import Truncation, lowest_participating
+from headstock.reduction.superelement import StaticLoad, Superelement, Truncation, lowest_participating
 from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end
 from headstock.solvers.errors import ModelError
 

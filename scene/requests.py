@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine_paths import MachinePath
+from headstock.geometry.machine.machine import MachinePath
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import SquareContour
-from headstock.solvers.paths.path_figures import LowPass
+from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.second_order import Motion, Port
 

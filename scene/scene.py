@@ -12,8 +12,7 @@ from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.requests import Analyses
-from headstock.scene.studies import Study
-from headstock.scene.sweep_poses import Sweep
+from headstock.scene.studies import Study, Sweep
 
 
 @dataclass(frozen=True)

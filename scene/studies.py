@@ -1,14 +1,24 @@
-"""Studies of a scene, and the points they consist of."""
+"""Studies of a scene, and the points they consist of.
+
+Sweeps of a scene, and the poses they consist of.
+"""
 
 import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose, show_position
 
 VARIANT = "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
 MAX_POINTS = 100_000
 TRUTH = "truth"  # family of the one point that the others are held against
+SweepKind = Literal["grid", "list", "path"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,3 +148,117 @@ def show_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(show_value, value))
     return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Poses in which the analyses are repeated.
+
+    Attributes:
+        name: In the scene.
+        kind: A grid, whose last axis changes fastest; a list; or a path, whose neighbours follow each other.
+        axes: Names of the axes that are set; others stand at zero.
+        units: ``m`` or ``rad`` of each.
+        positions: ``(n, k)`` of every pose [m, rad].
+        shape: Number of positions of each axis of a grid; ``(n,)`` otherwise.
+        labels: Names of the poses of a list; empty where they have none.
+        variant: Variant of the scene that is swept; None for the scene as it is.
+    """
+
+    name: str
+    kind: SweepKind
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    positions: FloatArray
+    shape: tuple[int, ...]
+    labels: tuple[str, ...] = ()
+    variant: str | None = None
+
+
+def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) -> Sweep:
+    """Every combination of the axes' positions."""
+    positions = np.array(list(itertools.product(*spans.values())), dtype=float) + 0.0
+    shape = tuple(len(values) for values in spans.values())
+    return Sweep(name, "grid", tuple(spans), tuple(units[axis] for axis in spans), positions, shape)
+
+
+def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], labels: list[str]) -> Sweep:
+    """Poses one by one; axes that a pose does not name stand at zero in it."""
+    axes, positions = _stack(places)
+    return Sweep(name, "list", axes, tuple(units[axis] for axis in axes), positions, (len(positions),), tuple(labels))
+
+
+def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> Sweep:
+    """Poses along straight legs between waypoints, each leg divided evenly into steps of at most ``step``.
+
+    An infinite step gives no poses but the waypoints. The length of a leg is that of the way of the axes that are measured like the step.
+    """
+    axes, corners = _stack(waypoints)
+    measured = np.array([units[axis] == unit for axis in axes])
+    places = [corners[:1]]
+    for number in range(1, len(corners)):
+        start, end = corners[number - 1 : number], corners[number : number + 1]
+        count = int(_count_steps((end - start)[:, measured], step)[0]) if math.isfinite(step) else 1
+        if count > 1:
+            places.append(start + np.arange(1, count)[:, None] / count * (end - start))
+        places.append(end)  # corners as they are written, not as the sum of a leg
+    positions = np.vstack(places)
+    return Sweep(name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),))
+
+
+def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> int:
+    """How many poses a path has, without making them; infinite where a number is too large to count."""
+    axes, corners = _stack(waypoints)
+    measured = np.array([units.get(axis) == unit for axis in axes], dtype=bool)
+    if not math.isfinite(step):
+        return len(corners)
+    with np.errstate(over="ignore"):
+        steps = _count_steps(np.diff(corners, axis=0)[:, measured], step)
+        return 1 + int(min(steps.sum(), 1e15))
+
+
+def _count_steps(legs: FloatArray, step: float) -> FloatArray:
+    """How many steps of at most ``step`` each leg takes, ``(n,)`` of ``(n, k)``."""
+    return np.asarray(np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=1) / step * (1.0 - 1e-9))), dtype=float)
+
+
+def sweep_pose(sweep: Sweep, number: int) -> Pose:
+    """One pose of a sweep, named by its label or its positions."""
+    positions = sweep.positions[number]
+    name = sweep.labels[number] if sweep.labels else describe_positions(sweep, number)
+    return Pose(name, dict(zip(sweep.axes, map(float, positions), strict=True)))
+
+
+def describe_positions(sweep: Sweep, number: int) -> str:
+    """Positions of a pose in words: ``X -100 mm, B 30 deg``; axes that stand still are left out."""
+    columns = moving_axes(sweep) or range(len(sweep.axes))
+    return ", ".join(
+        f"{sweep.axes[column]} {show_position(float(sweep.positions[number, column]), sweep.units[column])}" for column in columns
+    )
+
+
+def moving_axes(sweep: Sweep) -> list[int]:
+    """Which of the axes stand in more than one place."""
+    return [column for column in range(len(sweep.axes)) if np.ptp(sweep.positions[:, column]) > 0.0]
+
+
+def sweep_neighbours(sweep: Sweep, present: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Pairs of poses that lie beside each other, along each axis of a grid or one after the other.
+
+    Args:
+        sweep: The poses.
+        present: ``(n,)`` which of them count; those before and after one that does not are neighbours.
+    """
+    numbers = np.arange(len(sweep.positions)).reshape(sweep.shape)
+    pairs: list[tuple[int, int]] = []
+    for axis in range(numbers.ndim):
+        for line in np.moveaxis(numbers, axis, -1).reshape(-1, sweep.shape[axis]):
+            kept = line[present[line]].tolist()
+            pairs += itertools.pairwise(kept)
+    return pairs
+
+
+def _stack(places: list[dict[str, float]]) -> tuple[tuple[str, ...], FloatArray]:
+    axes = tuple(dict.fromkeys(axis for place in places for axis in place))
+    rows = [[place.get(axis, 0.0) for axis in axes] for place in places]
+    return axes, np.array(rows, dtype=float).reshape(len(places), len(axes)) + 0.0

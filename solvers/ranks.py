@@ -1,9 +1,18 @@
-"""Sums and maxima of arrays over the ranks of a communicator."""
+"""Sums and maxima of arrays over the ranks of a communicator.
+
+Passing a value from rank 0 to ranks that have nothing to do meanwhile.
+"""
+
+import time
+from collections.abc import Callable
 
 import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+
+SHARE_TAG = 4711
+POLL_SECONDS = 0.002
 
 
 def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
@@ -22,3 +31,43 @@ def max_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
     result = np.array(values, dtype=float, order="C")
     comm.Allreduce(MPI.IN_PLACE, result, op=MPI.MAX)
     return result
+
+
+class SharedFailure(Exception):  # noqa: N818 (what failed is its cause)
+    """Rank 0 could not make what all ranks wait for, and every rank knows; on rank 0 the cause says why."""
+
+
+def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
+    """What ``make`` returns on rank 0, on every rank; a scene, for example, is read once and shared.
+
+    Raises:
+        SharedFailure: ``make`` failed, on every rank of several; a single rank gets the error itself.
+    """
+    if comm.size == 1:
+        return make()
+    made: tuple[T] | None = None
+    failure: Exception | None = None
+    if comm.rank == 0:
+        try:
+            made = (make(),)
+        except Exception as error:
+            failure = error
+    made = share_from_root(comm, made)
+    if made is None:
+        raise SharedFailure from failure
+    return made[0]
+
+
+def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:
+    """The value rank 0 hands in, on every rank.
+
+    The others sleep while they wait: a broadcast would spin, and take the cores from the mesher and BLAS on rank 0.
+    """
+    if comm.rank == 0:
+        for rank in range(1, comm.size):
+            comm.send(value, dest=rank, tag=SHARE_TAG)
+        return value  # type: ignore[return-value]
+    while not comm.iprobe(source=0, tag=SHARE_TAG):
+        time.sleep(POLL_SECONDS)
+    shared: T = comm.recv(source=0, tag=SHARE_TAG)
+    return shared

@@ -1,5 +1,9 @@
-"""The one type every analysis takes: a linear second-order system with named inputs and outputs."""
+"""The one type every analysis takes: a linear second-order system with named inputs and outputs.
 
+Inputs and outputs of a system by name.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -7,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import ModelError
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Port = tuple[str, str]
@@ -37,3 +42,33 @@ class SecondOrderSystem:
     outputs: dict[Port, FloatArray]
     labels: tuple[str, ...]
     hysteretic: FloatArray | None = None
+
+
+def input_columns(system: SecondOrderSystem, inputs: Sequence[Port]) -> FloatArray:
+    """Generalised loads ``(n, n_inputs)`` of unit loads.
+
+    Raises:
+        ModelError: There is no such input.
+    """
+    return np.array([_find(system.inputs, port, "input") for port in inputs]).reshape(len(inputs), len(system.mass)).T
+
+
+def output_rows(system: SecondOrderSystem, outputs: Sequence[Port]) -> FloatArray:
+    """Rows ``(n_outputs, n)`` that give the motions.
+
+    Raises:
+        ModelError: There is no such output.
+    """
+    return np.array([_find(system.outputs, port, "output") for port in outputs]).reshape(len(outputs), len(system.mass))
+
+
+def name_port(port: Port) -> str:
+    """``tcp x``."""
+    return f"{port[0]} {port[1]}"
+
+
+def _find(ports: dict[Port, FloatArray], port: Port, what: str) -> FloatArray:
+    if port not in ports:
+        known = sorted({name for name, _ in ports})
+        raise ModelError(f"there is no {what} {name_port(port)!r}; points and interfaces: {known}, directions x y z rx ry rz")
+    return ports[port]

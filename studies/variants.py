@@ -1,4 +1,7 @@
-"""One variant of a scene from its file to its modes and compliances, with the time each step took."""
+"""One variant of a scene from its file to its modes and compliances, with the time each step took.
+
+Which variants of a scene to hold side by side, each loaded and checked before anything is computed.
+"""
 
 import dataclasses
 import importlib
@@ -9,8 +12,10 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.machine.machine import Pose
+from headstock.geometry.parts.components import Fidelity
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources_2 import Cost, measure
+from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.runner import HANDLERS, gather_facts
@@ -22,11 +27,13 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.compliance_budget import DIRECTIONS, PointBudget, WeakLink, find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
+from headstock.scene.schema.overrides import AS_WRITTEN
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.rank_messages import share_from_root
+from headstock.solvers.ranks import share_from_root
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
@@ -230,3 +237,63 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     }
     errors = {name: estimate_compliance_errors(state, solution.coupled, budget.displacements) for name, budget in points.items()}
     return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)
+
+
+def choose_variants(
+    path: Path, names: Sequence[str] = (), *, fidelities: Sequence[Fidelity] = (), overrides: Sequence[str] = ()
+) -> tuple[VariantChoice, ...]:
+    """Variants to compare.
+
+    Args:
+        path: Scene file.
+        names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them when empty, and the scene as
+            written where none of them is the same.
+        fidelities: Each variant once per fidelity, taken by every component that it has elastic or segmented.
+        overrides: ``key=value`` settings for all of them.
+
+    Raises:
+        SceneError: A variant has problems; holds those of all variants.
+    """
+    base = load_scene(path, overrides=overrides)
+    scenes: list[tuple[VariantChoice, Scene]] = []
+    problems: list[Problem] = []
+    for name in names or (AS_WRITTEN, *base.variants):
+        choice = VariantChoice(name, None if name == AS_WRITTEN else name, tuple(overrides))
+        try:
+            scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
+        except SceneError as error:
+            problems += error.problems
+    if not names and any(choice.variant is not None and scene.raw == base.raw for choice, scene in scenes):
+        scenes = [(choice, scene) for choice, scene in scenes if choice.variant is not None]
+    choices = [made for choice, scene in scenes for made in _with_fidelities(choice, scene, fidelities)]
+    if fidelities:
+        problems += [problem for choice in choices for problem in _find_problems(path, choice)]
+    if problems:
+        raise SceneError(list(dict.fromkeys(problems)))
+    return tuple(choices)
+
+
+def _with_fidelities(choice: VariantChoice, scene: Scene, fidelities: Sequence[Fidelity]) -> list[VariantChoice]:
+    deforming = [
+        name
+        for name, component in scene.machine.components.items()
+        if component.fidelity != "rigid" and not isinstance(component.solid, SuperelementFile)
+    ]
+    if not deforming or not fidelities:
+        return [choice]
+    return [
+        VariantChoice(
+            f"{choice.name} {fidelity}",
+            choice.variant,
+            (*choice.overrides, *(f"components.{name}.fidelity={fidelity}" for name in deforming)),
+        )
+        for fidelity in fidelities
+    ]
+
+
+def _find_problems(path: Path, choice: VariantChoice) -> list[Problem]:
+    try:
+        load_scene(path, variant=choice.variant, overrides=choice.overrides)
+    except SceneError as error:
+        return list(error.problems)
+    return []

@@ -11,14 +11,12 @@ from _pytest.python_api import ApproxScalar
 from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_map
-from headstock.geometry.parts.components import Component, Interface, Patch, ReductionSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, ReductionSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.elements.surface import extract_surface
 from headstock.solvers.elastic.elasticity import assemble_elasticity
-from headstock.validation.parts.element_integrals import integrate_over_cells
-from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
+from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, straight_lattice
 
 # pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and moments of mass are all alike;
 # without it an expected zero needs an abs of its own

@@ -9,8 +9,7 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Load, Patch, ReductionSettings, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch, ReductionSettings, Support
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.elements.surface import extract_surface

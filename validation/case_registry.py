@@ -1,21 +1,25 @@
-"""Every validation case by name, in groups."""
+"""Every validation case by name, in groups.
 
-from collections.abc import Callable
+Running validation cases by name or group.
+"""
+
+import difflib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
+from headstock.geometry.errors import HeadstockError
 from headstock.validation.coverage.cases import check_coverage, check_coverage_smoke
 from headstock.validation.machines.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
 from headstock.validation.machines.drive_cases import check_friction, check_sampled_control, check_two_masses
-from headstock.validation.machines.estimate_cases_2 import check_frequency_estimates, check_step_estimates
+from headstock.validation.machines.estimate_cases import check_frequency_estimates, check_step_estimates
 from headstock.validation.machines.guideway_cases import check_guideway
-from headstock.validation.machines.identification_cases_2 import check_identification
+from headstock.validation.machines.identification_cases import check_identification
 from headstock.validation.machines.machine_cases import check_three_axis_machine
-from headstock.validation.machines.path_cases_2 import check_path_roads, check_path_test
-from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates
-from headstock.validation.machines.response_estimate_cases_2 import check_response_estimates
+from headstock.validation.machines.path_cases import check_path_roads, check_path_test
+from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates, check_response_estimates
 from headstock.validation.mechanisms.contouring_cases import (
     check_contouring,
     check_nonlinear_contour,
@@ -34,11 +38,17 @@ from headstock.validation.mechanisms.motion_cases import (
     check_energy_balance,
     check_integration_orders,
     check_million_steps,
+    check_singular_passage,
 )
-from headstock.validation.mechanisms.singular_cases import check_singular_passage
 from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
-from headstock.validation.mechanisms.tripteor_cases import check_compliances, check_elastic_legs, check_leg_roads
-from headstock.validation.mechanisms.tripteor_cases_2 import check_lumped_modes, check_modal_cost, check_paper_claims
+from headstock.validation.mechanisms.tripteor_cases import (
+    check_compliances,
+    check_elastic_legs,
+    check_leg_roads,
+    check_lumped_modes,
+    check_modal_cost,
+    check_paper_claims,
+)
 from headstock.validation.parts.beam_cases import (
     check_cantilever_modes,
     check_cantilever_statics,
@@ -72,10 +82,9 @@ from headstock.validation.parts.reduction_cases import (
     check_rigid_body_content,
     check_static_exactness,
 )
-from headstock.validation.parts.response_cases import check_beam_truncation, check_column_response
+from headstock.validation.parts.response_cases import check_beam_truncation, check_column_response, check_rod_peak, check_rod_step
 from headstock.validation.parts.static_benchmarks import check_straight_cantilever, check_thick_plate
-from headstock.validation.parts.time_cases import check_rod_peak, check_rod_step
-from headstock.validation.references.rows import ValidationRow
+from headstock.validation.references.rows import ValidationRow, failed_computation
 
 CaseFunction = Callable[[MPI.Comm], list[ValidationRow]]
 
@@ -101,6 +110,7 @@ class Case:
 
 
 VERIFICATION = "tripteor_verification"
+
 
 CASES: tuple[Case, ...] = (
     Case("seed-cantilever", "beams", "six frequencies of the seed's column", check_cantilever_modes),
@@ -219,3 +229,55 @@ def case_names() -> list[str]:
 def group_names() -> list[str]:
     """Names of all groups, in order."""
     return list(dict.fromkeys(case.group for case in CASES))
+
+
+class UnknownCaseError(ValueError):
+    """A case or group was asked for that does not exist; the message lists those that do (bad input, exit code 2)."""
+
+
+def select_cases(names: Sequence[str]) -> list[Case]:
+    """The cases that names of cases or groups stand for, each once, in registry order; all when no name is given.
+
+    A case that takes very long is run only under its own name.
+
+    Raises:
+        UnknownCaseError: A name is neither a case nor a group.
+    """
+    known = {*case_names(), *group_names()}
+    unknown = [name for name in names if name.lower() not in known]
+    if unknown:
+        hints = difflib.get_close_matches(unknown[0].lower(), sorted(known), n=1)
+        hint = f" (did you mean {hints[0]!r}?)" if hints else ""
+        raise UnknownCaseError(
+            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(case_names())}"
+        )
+    wanted = {name.lower() for name in names}
+    return [case for case in CASES if case.name in wanted or ((not wanted or case.group in wanted) and not case.on_request)]
+
+
+def run_validation(
+    names: Sequence[str], *, comm: MPI.Comm, on_case: Callable[[Case, list[ValidationRow]], None] | None = None
+) -> list[ValidationRow]:
+    """Compute the rows of cases and groups.
+
+    A case whose computation ends with a named error yields one failed row that carries the error's text, so that the others are
+    still computed.
+
+    Args:
+        names: Cases or groups; empty for all.
+        comm: Communicator of the computations; collective.
+        on_case: Called after each case, for progress.
+
+    Raises:
+        UnknownCaseError: A name is neither a case nor a group.
+    """
+    rows: list[ValidationRow] = []
+    for case in select_cases(names):
+        try:
+            found = case.compute(comm)
+        except HeadstockError as error:
+            found = [failed_computation(case.name, f"{type(error).__name__}: {error}")]
+        if on_case is not None:
+            on_case(case, found)
+        rows += found
+    return rows

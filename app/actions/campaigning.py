@@ -11,11 +11,11 @@ from headstock.app.terminal.console import make_console
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
-from headstock.validation.campaigns.campaign_outcome import CampaignOutcome
-from headstock.validation.campaigns.disk_campaign import run_disk_campaign
+from headstock.validation.campaigns.disk import run_disk_campaign
 from headstock.validation.campaigns.file_fuzz import run_file_fuzz
 from headstock.validation.campaigns.kill import run_kill_campaign
 from headstock.validation.campaigns.resume import run_resume_campaign
+from headstock.validation.campaigns.runs import CampaignOutcome
 from headstock.validation.campaigns.scene_fuzz import run_scene_fuzz
 from headstock.validation.campaigns.slurm import run_slurm_campaign
 

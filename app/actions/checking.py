@@ -1,10 +1,15 @@
-"""``headstock check``: what is wrong with a scene, and nothing else."""
+"""``headstock check``: what is wrong with a scene, and nothing else.
+
+A plan as plain rows.
+"""
 
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from headstock.app.terminal.console import counted, make_console, print_remarks
+from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
@@ -43,3 +48,19 @@ def _write(json_file: Path | None, path: Path, problems: Sequence[object], warni
     if json_file is not None:
         content = {"scene": str(path), "ok": not problems, "problems": list(problems), "warnings": list(warnings)}
         write_output(json_file, dump_json(content).encode())
+
+
+def plan_rows(plan: Plan) -> list[dict[str, Any]]:
+    """One row per stage, with the keys of ``summary.json`` and the estimates."""
+    return [
+        {
+            "stage": stage.kind,
+            "component": stage.component,
+            "pose": stage.pose,
+            "reason": stage.reason,
+            "estimated_dofs": stage.estimated_dofs,
+            "estimated_seconds": None if stage.estimated_seconds is None else round(stage.estimated_seconds, 2),
+            "estimated_memory_mb": None if stage.estimated_memory_mb is None else round(stage.estimated_memory_mb, 1),
+        }
+        for stage in plan.stages
+    ]

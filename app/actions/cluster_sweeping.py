@@ -25,13 +25,15 @@ from headstock.studies.sweeps.slurm_jobs import (
     ScriptValueError,
     SlurmOptions,
     Submission,
+    describe_missing,
+    is_waiting,
     list_missing,
     read_submission,
     render_script,
+    wait_for_array,
     write_submission,
 )
 from headstock.studies.sweeps.slurm_tools import SlurmError, SlurmMissingError, read_states, require_slurm, submit
-from headstock.studies.sweeps.slurm_waiting import describe_missing, is_waiting, wait_for_array
 
 LAUNCHER = PROJECT / "headstock"
 

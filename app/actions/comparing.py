@@ -16,7 +16,7 @@ from mpi4py import MPI
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.comparison import draw_comparison
 from headstock.app.pictures.png_images import encode_png
-from headstock.app.report.comparison_page import render_comparison
+from headstock.app.report.pages import render_comparison
 from headstock.app.terminal.comparison import comparison_csv, print_comparison, print_effort, print_variant
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
@@ -28,11 +28,9 @@ from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
-from headstock.solvers.rank_messages import make_on_root, share_from_root
-from headstock.studies.comparison import compare_variants
-from headstock.studies.comparison_summary import summarise_comparison, summarise_effort
-from headstock.studies.variant_choices import choose_variants
-from headstock.studies.variants import VariantChoice, VariantSolution, solve_variant
+from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.studies.comparison import compare_variants, summarise_comparison, summarise_effort
+from headstock.studies.variants import VariantChoice, VariantSolution, choose_variants, solve_variant
 
 PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
 

@@ -1,27 +1,30 @@
-"""What the environment has to offer, each question asked in a child process so that a broken library breaks only its own line."""
+"""What the environment has to offer, each question asked in a child process so that a broken library breaks only its own line.
+
+Is everything there that Headstock needs, and if not, what to do.
+"""
 
 import importlib.metadata
+import json
 import os
 import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import PROJECT
 
 Status = Literal["ok", "missing", "warning"]
-
 TIME_LIMIT_S = 120.0
 MEMORY_WANTED_MB = 4000
 SPACE_WANTED_MB = 2000
-
 # variables by which an MPI process passes its place to its children; with them mpirun takes itself for a rank
 RANK_PREFIXES = ("OMPI_COMM_", "OMPI_UNIVERSE_", "PMIX_", "PRTE_", "PMI_")
-
 PACKAGES = (
     "install the packages of environment/packages.txt, or unset HEADSTOCK_PYTHON and let ./headstock build its own environment"
 )
@@ -90,7 +93,10 @@ LIBRARIES = (
     ),
 )
 
+
 PYTHON_PACKAGES = ("numpy", "scipy", "pydantic", "pint", "typer", "rich", "matplotlib", "jinja2", "meshio", "mpi4py")
+
+
 TEST_PACKAGES = ("pytest", "pytest-xdist", "hypothesis", "mypy")
 
 
@@ -207,3 +213,34 @@ def _room(cache: Path) -> Check:
 def _at_least(name: str, megabytes: int, wanted: int, remedy: str) -> Check:
     enough = megabytes >= wanted
     return Check(name, f"{megabytes} MB free", "ok" if enough else "warning", "" if enough else remedy)
+
+
+def run_doctor(json_file: Path | None, examine: Callable[[], list[Check]] = check_environment) -> int:
+    """Print each check with its remedy and write them to a file if one is asked for.
+
+    Args:
+        json_file: Where to write ``{"healthy": bool, "checks": [{name, found, status, remedy}]}``.
+        examine: What makes the checks.
+
+    Returns:
+        0 when nothing needed is missing, else 1.
+    """
+    checks = examine()
+    missing = [check.name for check in checks if check.status == "missing"]
+    print(describe_checks(checks))
+    print("all there" if not missing else f"missing: {', '.join(missing)}")
+    if json_file is not None:
+        content = {"healthy": not missing, "checks": [asdict(check) for check in checks]}
+        write_output(json_file, (json.dumps(content, indent=2) + "\n").encode())
+    return 1 if missing else 0
+
+
+def describe_checks(checks: list[Check]) -> str:
+    """The checks as aligned lines, each remedy below its line."""
+    width = max(len(check.name) for check in checks)
+    lines = []
+    for check in checks:
+        lines.append(f"{check.status:8}{check.name:{width}}  {check.found}")
+        if check.remedy:
+            lines.append(f"{'':8}{'':{width}}  -> {check.remedy}")
+    return "\n".join(lines)

@@ -10,13 +10,12 @@ from mpi4py import MPI
 from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
-from headstock.pipeline.exports import export_state_space
+from headstock.pipeline.exports import export_state_space, export_superelement
 from headstock.pipeline.storage.provenance import Provenance
-from headstock.pipeline.superelement_export import export_superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
 from headstock.scene.scene import Scene
-from headstock.solvers.rank_messages import make_on_root
+from headstock.solvers.ranks import make_on_root
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,7 @@ import jinja2
 
 from headstock.app.pictures.pictures import Drawing, draw_machine, draw_pictures, stills_by_pose
 from headstock.app.report.report import render_report, write_report
-from headstock.app.texts.frf_tables import tabulate_response
-from headstock.app.texts.path_tables import tabulate_path
-from headstock.app.texts.tables import encode_csv, list_tables
+from headstock.app.texts.tables import encode_csv, list_tables, tabulate_path, tabulate_response
 from headstock.pipeline.results.files import SUMMARY_FILE
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import MODES_FOLDER, write_mode_files

@@ -25,7 +25,7 @@ from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
-from headstock.solvers.rank_messages import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 
 DRAWING_SECONDS = 4.0
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
-from headstock.geometry.parts.cad_faces import CadFace, Vector, find_holes, name_faces
+from headstock.geometry.parts.cad_faces import CadFace, SuggestedInterface, Vector, find_holes, name_faces, suggest_interfaces
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.interface_suggestions import SuggestedInterface, suggest_interfaces
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step

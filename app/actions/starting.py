@@ -15,8 +15,7 @@ from headstock.app.actions.editor_schema import scene_schema
 from headstock.app.actions.showing import STEP_SUFFIXES, format_suggestions
 from headstock.app.terminal.console import make_console
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.parts.cad_faces import CadFace, name_faces
-from headstock.geometry.parts.interface_suggestions import SuggestedInterface, suggest_interfaces
+from headstock.geometry.parts.cad_faces import CadFace, SuggestedInterface, name_faces, suggest_interfaces
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import mesh_component

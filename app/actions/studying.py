@@ -14,15 +14,13 @@ from mpi4py import MPI
 
 import headstock.validation
 from headstock.app.actions.running import require_ranks
-from headstock.app.charts.cost_charts import draw_costs
 from headstock.app.charts.ladder import draw_ladder
-from headstock.app.charts.study import draw_study
+from headstock.app.charts.study import draw_costs, draw_study
 from headstock.app.pictures.png_images import encode_png
 from headstock.app.terminal.console import print_remarks
-from headstock.app.terminal.cost_listing import cost_table, list_costs
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.ladder import ladder_tables, list_claims, print_ladder
-from headstock.app.terminal.study import list_study, print_progress, print_study, study_csv
+from headstock.app.terminal.study import cost_table, list_costs, list_study, print_progress, print_study, study_csv
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import Json, dump_json
@@ -30,13 +28,13 @@ from headstock.pipeline.storage.outputs import claim_output, write_beside, write
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
-from headstock.solvers.rank_messages import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
-from headstock.validation.ladder.kono_claims import judge_ladder, judge_own
-from headstock.validation.ladder.paper_elements_2 import paper_points
+from headstock.validation.ladder.claims import judge_ladder, judge_own
+from headstock.validation.ladder.paper_elements import paper_points
 from headstock.validation.ladder.points import collect_points, measure_beam
 from headstock.validation.ladder.references import LadderBeam, ladder_beam
 

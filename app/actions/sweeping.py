@@ -1,7 +1,11 @@
-"""``headstock sweep``: the analyses of a scene in every pose of a sweep."""
+"""``headstock sweep``: the analyses of a scene in every pose of a sweep.
+
+One task of an array job: its share of a sweep's poses, into journals; the files of the sweep are made when all are collected.
+"""
 
 import contextlib
 import dataclasses
+import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,32 +15,67 @@ from mpi4py import MPI
 
 from headstock.app.actions.cluster_sweeping import ClusterRequest, sweep_on_slurm
 from headstock.app.actions.running import require_ranks
-from headstock.app.actions.sweep_parts import compute_part
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_sweep
-from headstock.app.terminal.console import print_remarks, print_stage, warn_of_unused_accuracy
+from headstock.app.terminal.console import counted, make_console, print_remarks, print_stage, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
 from headstock.app.texts.sweep_quantities import tabulate_sweep
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import Json, dump_json
-from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import claim_output, prepare_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.building.loader import load_scene
 from headstock.scene.building.studies import check_sweep_carriages
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.schema.overrides import VARIANT_JOINER
-from headstock.solvers.rank_messages import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
-from headstock.studies.sweeps.results import SweepResults, collect_results
-from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
+from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
 from headstock.studies.sweeps.slurm_jobs import SlurmOptions
-from headstock.studies.sweeps.sweep_names import name_tracked_modes
+from headstock.studies.sweeps.slurm_tools import SlurmError
 
 SUMMARY, CSV_FILE, ORIGIN_FILE = "sweep.json", "sweep.csv", "provenance.json"
+
+
+def parse_part(text: str) -> Part:
+    """``2/3`` as the second of three parts; ``0/3`` has no poses.
+
+    Raises:
+        click.UsageError: The text is no part.
+    """
+    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if found is None or not 0 <= int(found[1]) <= int(found[2]):
+        raise click.UsageError(f"--part {text[:40]!r} is no part; write for example 2/3")
+    return Part(int(found[1]), int(found[2]))
+
+
+def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
+    """Compute the poses of one part that are in no journal yet.
+
+    Raises:
+        SlurmError: What is computed here is not what was submitted.
+        HeadstockError: A component cannot be reduced, or a journal cannot be written.
+    """
+    if comm.rank == 0:
+        prepare_output(job.folder)
+        if key is not None and sweep_key(job.scene) != key:
+            raise SlurmError(
+                "the scene, its files, this program or its libraries have changed since the job was submitted, or are others on this "
+                "node; submit again, from a checkout and an environment that the nodes share"
+            )
+    share_from_root(comm, True)
+    outcome = run_sweep(job, comm=comm, observer=print_stage)
+    if comm.rank == 0:
+        poses = counted(outcome.computed, "pose")
+        make_console().print(
+            f"part {job.part.number} of {job.part.of}: {poses} computed, {counted(comm.size, 'rank')}", markup=False
+        )
+    return DONE
 
 
 @dataclass(frozen=True)

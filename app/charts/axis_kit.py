@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from headstock.app.charts.charts import DPI, FAINT, INK, calm_axes, read_pixels
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_paper import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
 from headstock.validation.references.rows import ValidationRow
 
 FIGURE_NAME = "axis_construction_kit_figures_17_18"

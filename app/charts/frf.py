@@ -12,7 +12,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, read_pixels
-from headstock.app.texts.frf_tables import (
+from headstock.app.texts.tables import (
     MOST_FIELDS,
     broken_phase,
     magnitude_range,

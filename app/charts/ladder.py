@@ -12,8 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import DPI, FAINT, INK, calm_axes, read_pixels
-from headstock.validation.ladder.ladder_deviations import Rungs, deviations, pick_rungs, worst_by_ndof
-from headstock.validation.ladder.points import KINDS, LadderKind, LadderPoint
+from headstock.validation.ladder.points import KINDS, LadderKind, LadderPoint, Rungs, deviations, pick_rungs, worst_by_ndof
 from headstock.validation.ladder.references import Group, LadderBeam
 
 Over = Literal["ndof", "time"]

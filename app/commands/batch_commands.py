@@ -79,8 +79,7 @@ def sweep(
         raise click.UsageError("--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm")
 
     def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.sweep_parts import parse_part
-        from headstock.app.actions.sweeping import SweepRequest, sweep_request
+        from headstock.app.actions.sweeping import SweepRequest, parse_part, sweep_request
         from headstock.studies.sweeps.slurm_jobs import SlurmOptions
 
         options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
@@ -151,7 +150,7 @@ def identify(
     """Fit numbers of a scene to measured frequencies, shapes and compliances; the scene file is not changed."""
 
     def action() -> int:
-        from headstock.app.actions.identifying_2 import IdentifyRequest, identify_scene
+        from headstock.app.actions.identifying import IdentifyRequest, identify_scene
 
         origin = trace_command(scene, overrides=set_ or (), with_host=not no_host)
         return identify_scene(IdentifyRequest(scene, targets, output, starts, tuple(set_ or ()), json), origin)

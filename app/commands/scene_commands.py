@@ -40,7 +40,7 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
     """Print the stages a scene calls for, with reasons, dofs and memory."""
 
     def action() -> int:
-        from headstock.app.actions.plan_listing import plan_rows
+        from headstock.app.actions.checking import plan_rows
         from headstock.app.terminal.console import print_plan
         from headstock.app.terminal.progress import show_progress
         from headstock.pipeline.planning.planner import plan_scene
@@ -55,7 +55,7 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
 
                 planned = plan_scene(loaded, survey=True, before_survey=tell)
         else:
-            from headstock.pipeline.accuracy.accuracy_plan import plan_first_round  # it loads the solvers
+            from headstock.pipeline.accuracy.search import plan_first_round  # it loads the solvers
 
             planned = plan_first_round(loaded)
         print_plan(loaded.name, planned)
@@ -116,7 +116,7 @@ def effects(
     """Run a scene with each effect switched the other way: how much it moves every answer, and what it costs."""
 
     def action() -> int:
-        from headstock.app.actions.effecting_2 import EffectsRequest, effects_request
+        from headstock.app.actions.effecting import EffectsRequest, effects_request
         from headstock.studies.effects import ScenePlan
 
         plan = ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ()))

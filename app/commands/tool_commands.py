@@ -95,7 +95,7 @@ def doctor(json: JsonFile = None, debug: Debug = False) -> int:
     """Check the environment: libraries, MPI, memory, caches."""
 
     def action() -> int:
-        from headstock.app.actions.doctor_2 import run_doctor
+        from headstock.app.actions.doctor import run_doctor
 
         return run_doctor(json)
 

@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report.viewer_data import script_json
-from headstock.app.texts.frf_tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit, round_ticks
+from headstock.app.texts.tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit, round_ticks
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS

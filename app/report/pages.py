@@ -1,4 +1,7 @@
-"""A sweep as one HTML page that works offline: maps of every quantity; a click on a pose shows its modes and compliance."""
+"""A sweep as one HTML page that works offline: maps of every quantity; a click on a pose shows its modes and compliance.
+
+Variants side by side as one HTML page that works offline.
+"""
 
 import base64
 from collections.abc import Mapping
@@ -8,6 +11,7 @@ from markupsafe import Markup
 
 from headstock.app.report.report import STYLE, read_asset, report_environment
 from headstock.app.report.viewer_data import script_json
+from headstock.app.terminal.comparison import alike_rigid_modes, comparison_csv, describe_store, states_errors, variant_error_words
 from headstock.app.terminal.sweep import sampled_error_words
 from headstock.app.texts.sweep_quantities import list_quantities
 from headstock.geometry.machine.machine import SCENE_UNITS
@@ -15,6 +19,7 @@ from headstock.pipeline.storage.json_texts import Json
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
+COMPARISON_TEMPLATE = "comparison_template.html"
 
 
 def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | None = None) -> str:
@@ -99,3 +104,27 @@ def _round(value: object) -> object:
     if isinstance(value, list):
         return [_round(item) for item in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
+    """The page as HTML text that refers to nothing outside itself.
+
+    Args:
+        summary: Content of ``compare.json``.
+        figures: Name to PNG.
+    """
+    return (
+        report_environment()
+        .get_template(COMPARISON_TEMPLATE)
+        .render(
+            s=summary,
+            states_errors=states_errors,
+            alike=alike_rigid_modes(summary),
+            error_notes=variant_error_words(summary),
+            points=list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"])),
+            figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
+            downloads={name: base64.b64encode(table).decode() for name, table in comparison_csv(summary).items()},
+            stores={name: describe_store(variant["effort"]) for name, variant in summary["variants"].items()},
+            style=Markup(read_asset(STYLE)),
+        )
+    )

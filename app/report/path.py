@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.texts.path_tables import thin_curve
+from headstock.app.texts.tables import thin_curve
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.path import PathCurves, deviation_unit
-from headstock.solvers.system_ports import name_port
+from headstock.solvers.second_order import name_port
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26
 LINE_HEIGHT, PANEL_HEIGHT, GAP = 150, 150, 44

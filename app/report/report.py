@@ -12,12 +12,11 @@ import jinja2
 from markupsafe import Markup
 
 from headstock.app.report.contour import draw_contour
-from headstock.app.report.figures import draw_budget, draw_frequencies, draw_stack, percent
+from headstock.app.report.figures import draw_budget, draw_frequencies, draw_poles, draw_stack, percent
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_path
-from headstock.app.report.report_control import draw_poles
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.terminal.console import shared_budget
 from headstock.app.texts.error_texts import (
@@ -31,9 +30,16 @@ from headstock.app.texts.error_texts import (
     show_damping_error,
     show_size,
 )
-from headstock.app.texts.frf_tables import overlaid_responses, tabulate_response
-from headstock.app.texts.path_tables import path_stem
-from headstock.app.texts.tables import DIRECTIONS, encode_csv, list_tables, sort_shares, static_by_pose
+from headstock.app.texts.tables import (
+    DIRECTIONS,
+    encode_csv,
+    list_tables,
+    overlaid_responses,
+    path_stem,
+    sort_shares,
+    static_by_pose,
+    tabulate_response,
+)
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.frf import ResponseCurves

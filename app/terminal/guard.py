@@ -64,7 +64,7 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
 
 
 def _is_shared(error: BaseException) -> bool:
-    from headstock.solvers.rank_messages import SharedFailure  # takes mpi4py with it, which is there by now
+    from headstock.solvers.ranks import SharedFailure  # takes mpi4py with it, which is there by now
 
     return isinstance(error, SharedFailure)
 

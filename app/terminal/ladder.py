@@ -11,8 +11,7 @@ from headstock.app.terminal.console import add_row, make_console, make_table, pr
 from headstock.app.texts.tables import PlainTable
 from headstock.pipeline.storage.json_texts import Json
 from headstock.validation.ladder.claims import Claim
-from headstock.validation.ladder.ladder_deviations import ndof_within, pick_rungs
-from headstock.validation.ladder.points import KINDS, LadderPoint
+from headstock.validation.ladder.points import KINDS, LadderPoint, ndof_within, pick_rungs
 from headstock.validation.ladder.references import Group, LadderBeam
 
 LIMITS = (0.10, 0.05, 0.01, 0.003)

@@ -10,7 +10,7 @@ from headstock.app.texts.error_texts import show_bound
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.storage.json_texts import Json
-from headstock.scene.sweep_poses import describe_positions, moving_axes
+from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.results import SweepResults
 from headstock.studies.sweeps.runs import SweepJob
 

@@ -1,16 +1,34 @@
-"""The tables of a summary as plain rows, for the report and for CSV files."""
+"""The tables of a summary as plain rows, for the report and for CSV files.
+
+Frequency responses as plain rows, and the units in which they are shown. Deviations from a path as plain rows, and the few
+points of a curve that a plot can show.
+"""
 
 import csv
 import io
+import itertools
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+import numpy as np
+
 from headstock.app.texts.error_texts import bound_size
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.path import PathCurves, deviation_unit
 from headstock.pipeline.storage.json_texts import Json
+from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 DIRECTIONS = ("x", "y", "z")
+MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
+DECADES_SHOWN = 5.0
+LEAST_TICKS = 3
+RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+PART_NAMES = {"total": "deviation", "quasi_static": "quasi-static", "sway": "sway", "dynamic": "ringing"}
 
 
 @dataclass(frozen=True)
@@ -210,3 +228,103 @@ def _probe_table(pose: str, probes: Json) -> PlainTable:
 def sort_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
     """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
     return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
+
+
+def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
+    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as everywhere but in files in SI."""
+    turns, moment = output[1].startswith("r"), given[1].startswith("r")
+    if motion == "receptance" and not turns and not moment:
+        return "µm/kN", 1e9
+    return f"{'rad' if turns else 'm'}{RATES[motion]} per {'N m' if moment else 'N'}", 1.0
+
+
+def name_entry(output: Port, given: Port) -> str:
+    """``tcp x / tcp y``: motion over load."""
+    return f"{name_port(output)} / {name_port(given)}"
+
+
+def magnitude_range(size: FloatArray) -> tuple[float, float]:
+    """Lowest and highest magnitude to draw: around the curve, at most five decades below its top."""
+    known = size[np.isfinite(size) & (size > 0.0)]
+    if not len(known):
+        return 0.1, 1.0
+    return float(max(known.min() / 1.5, known.max() / 10.0**DECADES_SHOWN)), float(2.0 * known.max())
+
+
+def round_ticks(low: float, high: float) -> list[float]:
+    """Round numbers on a logarithmic axis: decades; where they are few, also their doubles and fives, or every whole multiple."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    found: list[float] = []
+    for factors in ((1,), (1, 2, 5), range(1, 10)):
+        found = [factor * 10.0**power for power in powers for factor in factors if low <= factor * 10.0**power <= high]
+        if len(found) >= LEAST_TICKS:
+            break
+    return found
+
+
+def broken_phase(values: ComplexArray) -> FloatArray:
+    """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that is not so."""
+    phase = np.degrees(np.angle(values))
+    return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180.0, np.nan, phase)
+
+
+def overlaid_responses(responses: Mapping[str, ResponseCurves]) -> list[ResponseCurves]:
+    """The responses of all poses, where there are several and they are of the same entries; else none."""
+    found = [responses[pose] for pose in sorted(responses)]  # the order in which files hold them
+    first = found[0] if found else None
+    same = all((one.inputs, one.outputs, one.motion) == (first.inputs, first.outputs, first.motion) for one in found if first)
+    return found if len(found) > 1 and same else []
+
+
+def tabulate_response(curves: ResponseCurves) -> PlainTable:
+    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of each source; empty where there is none."""
+    values, errors, shares = curves.values, curves.value_errors, curves.value_error_share
+    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
+    for row, output in enumerate(curves.outputs):
+        for column, given in enumerate(curves.inputs):
+            unit = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[curves.motion]} per {'N m' if given[1].startswith('r') else 'N'}"
+            headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
+            columns += [np.array(part, dtype=float) for part in (values[:, row, column].real, values[:, row, column].imag)]
+            if errors is not None:
+                headings.append(f"± {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(errors[:, row, column], dtype=float))
+            for source, share in shares.items():
+                headings.append(f"± {source} {name_entry(output, given)} [{unit}]")
+                columns.append(np.array(share[:, row, column], dtype=float))
+    cells = tuple(tuple(None if math.isnan(value) else float(value) for value in row) for row in np.column_stack(columns))
+    return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)
+
+
+def path_stem(curves: PathCurves) -> str:
+    """Name of a feed's files: ``path_3000``."""
+    return f"path_{6e4 * curves.feed:g}".replace(".", "_").replace("+", "")
+
+
+def tabulate_path(curves: PathCurves) -> PlainTable:
+    """A row per sample: time, set point, and the deviation of every output with its parts."""
+    found = curves.deviation
+    headings = ["time [s]", "position [mm]", "acceleration [m/s^2]"]
+    columns = [found.times, 1e3 * curves.positions, curves.accelerations]
+    for number, port in enumerate(curves.outputs):
+        unit, factor = deviation_unit(port)
+        for part, words in PART_NAMES.items():
+            headings.append(f"{words} {name_port(port)} [{unit}]")
+            columns.append(factor * getattr(found, part)[:, number])
+        headings.append(f"deviation in the pose of the middle {name_port(port)} [{unit}]")
+        columns.append(factor * curves.frozen[:, number])
+    return PlainTable(
+        path_stem(curves), tuple(headings), tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
+    )
+
+
+def thin_curve(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest point of each of so many stretches, in order: what a plot of that width shows of a curve."""
+    if len(x) <= 2 * bins:
+        return x, y
+    edges = np.linspace(0, len(x), bins + 1).astype(int)
+    kept: list[int] = [0]
+    for begin, end in itertools.pairwise(edges):
+        kept += sorted({begin + int(np.argmin(y[begin:end])), begin + int(np.argmax(y[begin:end]))})
+    kept.append(len(x) - 1)
+    places = np.unique(kept)
+    return x[places], y[places]

@@ -12,26 +12,25 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
-from headstock.meshing.cad.crowded_faces import (
-    add_growth_fields,
-    describe_short_edges,
-    measure_edges,
-    name_finest_faces,
-)
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
-from headstock.meshing.cad.patch_grading import add_grading_fields, count_graded_cells
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
     SizePlan,
+    add_grading_fields,
+    add_growth_fields,
     add_size_fields,
     count_curved_cells,
+    count_graded_cells,
+    describe_short_edges,
     measure_curved_faces,
+    measure_edges,
+    name_finest_faces,
     size_curved_faces,
 )
 from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
 from headstock.meshing.elements.quality import scaled_jacobians
-from headstock.meshing.elements.surface_gaps import PLACES, facet_places
+from headstock.meshing.elements.surface import PLACES, facet_places
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshData, MeshJob, read_patch
 from headstock.meshing.sizing import (

@@ -12,10 +12,16 @@ from headstock.geometry.parts.solids import HollowColumn, MeshFile, StepFile, Tu
 from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
 from headstock.meshing.elements.flat_tets import FlatTets, find_flat_tets
 from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
-from headstock.meshing.elements.second_order import elevate_tets, is_straight, repair_tets
-from headstock.meshing.elements.serendipity_cells import complete_hexes
-from headstock.meshing.elements.surface import MeshSurface, count_parts, extract_surface, match_facets
-from headstock.meshing.elements.surface_gaps import PLACES, gaps_agree, measure_gaps
+from headstock.meshing.elements.second_order import complete_hexes, elevate_tets, is_straight, repair_tets
+from headstock.meshing.elements.surface import (
+    PLACES,
+    MeshSurface,
+    count_parts,
+    extract_surface,
+    gaps_agree,
+    match_facets,
+    measure_gaps,
+)
 from headstock.meshing.elements.topology import cell_family, corner_count
 from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes

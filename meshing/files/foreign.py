@@ -1,5 +1,9 @@
-"""Reads finished meshes of Abaqus and Nastran into gmsh's node order (runs in the child process)."""
+"""Reads finished meshes of Abaqus and Nastran into gmsh's node order (runs in the child process).
 
+The child process that runs foreign readers: ``python -m headstock.meshing.files.foreign``.
+"""
+
+import sys
 from pathlib import Path
 
 import meshio
@@ -9,8 +13,9 @@ from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import NODE_COUNTS
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.abaqus import AbaqusDeck, deck_positions, read_abaqus_deck
-from headstock.meshing.files.cells import kinds_message, order_hex27_faces, vtk_to_gmsh
-from headstock.meshing.process.job import MeshData
+from headstock.meshing.files.cells import guard_reader, kinds_message, order_hex27_faces, vtk_to_gmsh
+from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.process.worker import serve_job
 
 MESHIO_KINDS: dict[str, CellKind] = {
     "tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8", "hexahedron20": "hex20", "hexahedron27": "hex27",
@@ -71,3 +76,13 @@ def read_nastran_mesh(path: Path) -> MeshData:
     kind = MESHIO_KINDS[next(iter(kinds))]
     cells = np.concatenate([np.asarray(block.data, dtype=np.int64) for block in solids])
     return MeshData(np.asarray(mesh.points, dtype=float), vtk_to_gmsh(cells, kind), kind)
+
+
+def perform_job(job: MeshJob) -> MeshData:
+    """Read an Abaqus or Nastran mesh."""
+    path = Path(job.solid["path"])
+    return guard_reader(path, read_abaqus_mesh if path.suffix.lower() == ".inp" else read_nastran_mesh)
+
+
+if __name__ == "__main__":
+    sys.exit(serve_job(sys.argv[1:], perform_job))

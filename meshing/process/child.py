@@ -12,7 +12,7 @@ from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_da
 from headstock.meshing.process.worker import BAD_FILE, REFUSED
 
 GMSH_WORKER = "headstock.meshing.cad.worker"
-FOREIGN_WORKER = "headstock.meshing.files.foreign_worker"
+FOREIGN_WORKER = "headstock.meshing.files.foreign"
 MESH_FILES = {".msh": GMSH_WORKER, ".inp": FOREIGN_WORKER, ".bdf": FOREIGN_WORKER, ".nas": FOREIGN_WORKER}
 MEMORY_BYTES = 8 << 30
 # What honest mesh files need, so that a small file that lies about its counts is stopped early. Measured on tets and hexes:

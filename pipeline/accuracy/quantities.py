@@ -1,7 +1,10 @@
-"""What a scene asks for as a list of numbers with relative errors, and who owns the largest."""
+"""What a scene asks for as a list of numbers with relative errors, and who owns the largest.
+
+How good the estimates of meshes are for one machine: two rounds with different meshes say how far its numbers still move.
+"""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +16,13 @@ from headstock.pipeline.stages.run_state import RunState
 # its estimates are (accuracy_levels.py).
 MESH_SAFETY = 1.8
 RIGID_MODEL = "rigid model"
-
 Owner = tuple[str, str]  # component, source of error
 Factors = Mapping[tuple[str, Owner], float]  # key of a number and owner to what the estimate is multiplied by
+# errors are taken to fall with this power of the mesh size, though most fall faster, and what that leaves counts half as much again
+LEVEL_RATE = 1.5
+LEVEL_SAFETY = 1.5
+# estimates came out up to one and a half times the true error, so no less than this share of them counts
+LEAST_FACTOR = 0.7
 
 
 @dataclass(frozen=True)
@@ -129,3 +136,42 @@ def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owne
 def _short_of(state: RunState, hz: float) -> list[str]:
     """Components whose modes are complete only to below a frequency."""
     return [name for name, part in state.reduced.items() if part.superelement.truncation and part.superelement.cutoff_hz <= hz]
+
+
+def weigh_estimates(
+    before: Sequence[Quantity], after: Sequence[Quantity], steps: Mapping[str, float], known: Factors
+) -> dict[tuple[str, Owner], float]:
+    """Factors by which the estimates of meshes are to be counted, from how far numbers moved between two rounds.
+
+    A number that moved by ``d`` while the size fell to the share ``s`` has ``d s^p / (1 - s^p)`` still to go, where errors fall with the
+    power ``p``. Components that were not refined keep their factor.
+
+    Args:
+        before: Numbers of a round, with estimates as they are.
+        after: The same of the next one.
+        steps: Refined component to its new size over the old one.
+        known: Factors of rounds before.
+
+    Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
+    """
+    factors = dict(known)
+    earlier = {quantity.key: quantity for quantity in before}
+    for quantity in after:
+        moved = {
+            owner: part
+            for owner, part in quantity.parts.items()
+            if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0 and quantity.key in earlier
+        }
+        total = sum(moved.values())
+        if total > 0.0:
+            change = abs(quantity.value / earlier[quantity.key].value - 1.0)
+            left = sum(change * part / total * _share_left(steps[owner[0]]) for owner, part in moved.items())
+            factor = LEVEL_SAFETY * left / total
+            factors |= {(quantity.key, owner): float(np.clip(factor, LEAST_FACTOR, MESH_SAFETY)) for owner in moved}
+    return factors
+
+
+def _share_left(step: float) -> float:
+    """What is left of an error, over what a refinement took of it."""
+    share = step**LEVEL_RATE
+    return float(share / (1.0 - share))

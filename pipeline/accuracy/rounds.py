@@ -8,7 +8,6 @@ import numpy as np
 
 from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.geometry.parts.solids import MeshFile
-from headstock.pipeline.accuracy.accuracy_levels import weigh_estimates
 from headstock.pipeline.accuracy.quantities import (
     RIGID_MODEL,
     Factors,
@@ -17,6 +16,7 @@ from headstock.pipeline.accuracy.quantities import (
     count_safely,
     elastic_shares,
     list_quantities,
+    weigh_estimates,
     worst_quantity,
 )
 from headstock.pipeline.accuracy.settings import (

@@ -1,4 +1,7 @@
-"""The cheapest settings for a stated accuracy: start cheap, refine what owns the largest error, take the rest from the store."""
+"""The cheapest settings for a stated accuracy: start cheap, refine what owns the largest error, take the rest from the store.
+
+What a scene with an accuracy calls for, as far as can be said before its first round.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -19,10 +22,9 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
-from headstock.solvers.rank_messages import share_from_root
+from headstock.solvers.ranks import share_from_root
 
 MOST_ROUNDS = 9
-
 RunRound = Callable[[Scene, Plan], RunState]
 Note = Callable[[Stage, str], None]
 
@@ -148,3 +150,19 @@ def _goal(scene: Scene) -> AccuracyGoal:
     if scene.accuracy is None:
         raise ValueError("the scene asks for no accuracy")
     return scene.accuracy
+
+
+def plan_first_round(scene: Scene) -> Plan:
+    """The stages of a scene with an accuracy, with the settings that its search begins with.
+
+    Raises:
+        BudgetError: A mesh or a stage would be larger than allowed.
+    """
+    if scene.accuracy is None:
+        raise ValueError("the scene asks for no accuracy")
+    plan = plan_scene(dataclasses.replace(plan_start(scene)[0], analyses=scene.analyses))
+    note = (
+        f"accuracy = {100.0 * scene.accuracy.to:g} %: these are the settings of the first round; what owns the largest error is refined"
+        f" then, in up to {MOST_ROUNDS} rounds, and meshes and modes written in the scene are not used"
+    )
+    return dataclasses.replace(plan, warnings=(*plan.warnings, note))

@@ -4,8 +4,7 @@ import os
 from collections.abc import Sequence
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.parts.components import Component, MeshSettings
-from headstock.geometry.parts.materials import weigh_modes
+from headstock.geometry.parts.components import Component, MeshSettings, weigh_modes
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
 

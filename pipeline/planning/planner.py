@@ -3,13 +3,15 @@
 Rules: a rigid component is never meshed; a static analysis needs constraint modes and no eigenpairs; mass is assembled only when a
 dynamic analysis or gravity asks for it; fixed-interface modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times
 the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
+
+Where the kind of coupling of an interface is a choice, and components with another choice.
 """
 
 import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import assert_never
+from typing import Literal, assert_never
 
 import numpy as np
 
@@ -30,7 +32,6 @@ from headstock.pipeline.planning.budgets import (
     reduction_memory_mb,
     reduction_seconds,
 )
-from headstock.pipeline.planning.coupling_choices import has_choice
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.scene.requests import (
     Analyses,
@@ -43,6 +44,7 @@ from headstock.scene.requests import (
 )
 from headstock.scene.scene import Scene
 
+CouplingKind = Literal["average", "rigid"]
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
 # (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate reduction`.
 MODE_MARGIN = 3.0
@@ -54,6 +56,21 @@ FEWEST_DEFAULT_MODES = 20
 # nobody asked for more: what they leave out of a response is in its ±
 MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
+
+
+def has_choice(component: Component) -> bool:
+    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all its interfaces are rails."""
+    meshed = component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
+    return meshed and any(interface.rail is None for interface in component.interfaces.values())
+
+
+def recouple(component: Component, kind: CouplingKind) -> Component:
+    """The component with one kind of coupling at all its fixed interfaces."""
+    interfaces = {
+        name: interface if interface.rail is not None else dataclasses.replace(interface, coupling=kind)
+        for name, interface in component.interfaces.items()
+    }
+    return dataclasses.replace(component, interfaces=interfaces)
 
 
 def default_mode_count(wanted: int) -> int:

@@ -1,7 +1,9 @@
-"""What a run found."""
+"""What a run found.
+
+Where a closed-loop mechanism stands in a pose, for results.
+"""
 
 from dataclasses import dataclass, field
-
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.component_mesh import MeshQuality
@@ -12,6 +14,11 @@ from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.planning.plan import StageRecord
+from headstock.geometry.mechanisms.exechon import condition_numbers
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,3 +184,10 @@ class Results:
     responses: tuple[PoseResponse, ...] = ()
     accuracy: Json | None = None
     provenance: Provenance | None = None
+
+
+def describe_state(mechanism: ToolMechanism, state: FloatArray) -> MechanismPose:
+    """Coordinates and condition number at a closed state ``(n,)``."""
+    known = mechanism.mounted.mechanism
+    coordinates = {name: float(state[known.index(name)]) for name in (*known.driven, *known.passive)}
+    return MechanismPose(coordinates, float(condition_numbers(known, state)))

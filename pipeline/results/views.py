@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from headstock.geometry.parts.components import Component
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.geometry.parts.skins import IntArray, Skin, split_skin
 from headstock.geometry.parts.solid_skins import inertia_skin, solid_skin
 from headstock.reduction.motions.body_fields import carried_motion

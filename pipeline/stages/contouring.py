@@ -1,19 +1,31 @@
-"""A contour on a lumped mechanism from its request: path, drives, forces and motion."""
+"""A contour on a lumped mechanism from its request: path, drives, forces and motion.
 
+What is told of a contour: gap, leg forces and motor torques on each face, stability of the cut, sag, and a thinned series.
+Stability of the cut on each face of a contour: the largest multiplier there, and the depth of cut at which chatter starts. The
+stage that contours a block with a lumped mechanism.
+"""
+
+import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.reading.forces import ForceRecord, resample_forces
+from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.scene.reading.forces import ForceRecord, read_forces, resample_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
+from headstock.solvers.mechanisms.modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
 from headstock.solvers.milling.contouring import (
     GiveHistory,
     LinearMotion,
+    drive_forces,
     interpolate_nodes,
     linear_motion,
     march_linear,
@@ -23,10 +35,33 @@ from headstock.solvers.milling.contouring import (
 from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.regeneration import RegenerativeCut, cutting_phases, march_regenerative
+from headstock.solvers.milling.stability import (
+    TipDynamics,
+    count_steps,
+    largest_multiplier,
+    limit_depth,
+    milling_gains,
+    tip_dynamics,
+)
 from headstock.solvers.milling.tool_path import square_path
 
 NODE_SPACING = 4e-3
 SETTLING = 0.3  # left out at both ends of each face [s]
+DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
+# outward normal of each face and the way the tool goes along it
+NORMALS = ((-1.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, -1.0))
+TRAVELS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+SERIES_POINTS = 2000
+FACE_POINTS = 8192  # of each face, in a row, for the forces of its legs
+FACES = ("lowest x", "highest y", "highest x", "lowest y")
+ASSUMED = (
+    "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is told for both",
+    "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
+    "the static sag under gravity is subtracted from the gap",
+)
+TORQUE = "motor torques are the drives' forces times lead over 2 pi: no friction, no inertia of motor and screw"
+CORIOLIS = "coriolis"
+MOST_LOST = 0.1  # of the rms of measured forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,3 +192,138 @@ def high_share(run: ContourRun) -> float:
     power = np.abs(np.fft.rfft(flat, axis=0)) ** 2
     high = np.fft.rfftfreq(len(flat), run.times[1] - run.times[0]) > 2.0 * run.highest_hz
     return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())
+
+
+def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> dict[str, Any]:
+    """In the middle of a face (0 to 3): multiplier over a tooth period at the depth of cut, and the limit depth."""
+    tip = face_dynamics(mechanism, model, request, face)
+    multiplier = cut_multiplier(tip, request, request.cut.axial_depth)
+    limit = limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST)
+    return {"multiplier": multiplier, "stable": multiplier < 1.0, "limit_depth_mm": 1e3 * limit}
+
+
+def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float, spindle: float | None = None) -> float:
+    """Largest multiplier over a tooth period at a depth of cut [m] and a speed of the spindle [rad/s]."""
+    cut = dataclasses.replace(request.cut, axial_depth=depth, spindle=spindle or request.cut.spindle)
+    return largest_multiplier(tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period)
+
+
+def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> TipDynamics:
+    """The mechanism with its tool in the middle of a face, forces along, away and up, chips by motions along and away."""
+    contour = request.contour
+    reach = 0.5 * contour.side + contour.offset
+    x, y = (center + reach * normal for center, normal in zip(contour.center, NORMALS[face], strict=True))
+    state = solve_tool_pose(mechanism.mounted, np.array([x, y, contour.height]), mechanism.tool)
+    motions = linearise_poses(model, state)
+    damping = modal_damping(motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,)))
+    frame: FloatArray = travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
+    tip = frame @ mark_motion(model, motions, model.tool)[:3]
+    return tip_dynamics((motions.mass, damping, np.diag(motions.stiffness)), tip, tip[:2])
+
+
+def summarise_contour(
+    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, run: ContourRun
+) -> dict[str, Any]:
+    """As it stands in ``summary.json``."""
+    faces = [_face(mechanism, model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()]
+    on_tool = run.force @ mechanism.mounted.mounting.rotation.T
+    found = {
+        "model": request.model,
+        "material": request.material,
+        "cutting_force": request.cutting,
+        "regeneration": request.regeneration,
+        "coriolis": model.velocity_terms,
+        "faces": faces,
+        "face_3_over_face_1": _face_ratio(faces),
+        "sag_um": {"least": (1e6 * np.abs(run.sag).min(axis=0)).tolist(), "most": (1e6 * np.abs(run.sag).max(axis=0)).tolist()},
+        "force_mean_n": on_tool.mean(axis=0).tolist(),
+        "force_peak_n": np.abs(on_tool).max(axis=0).tolist(),
+        "share_above_twice_the_highest_mode": high_share(run),
+        "marks_s": run.marks.tolist(),
+        "assumed": [*ASSUMED, *([TORQUE] if mechanism.screw_lead else [])],
+        "series": _series(mechanism, model, run),
+    }
+    if request.regeneration:
+        found["stability"] = [
+            {"face": face + 1, "at": FACES[face], **face_stability(mechanism, model, request, face)} for face in range(len(FACES))
+        ]
+    return found
+
+
+def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp]) -> FloatArray:
+    """``(k, 3)`` forces of the legs' drives at some steps [N] (eq. 14 with the work of springs that soften as a leg grows)."""
+    history = run.history
+    thin = GiveHistory(history.give[some], history.rate[some], history.acceleration[some])
+    return drive_forces(model, run.drive, run.times[some], thin, run.force[some])[:, : len(LENGTHS)]
+
+
+def motor_torques(mechanism: SceneMechanism, forces: FloatArray) -> FloatArray | None:
+    """Torques of the motors at the forces of their legs [N m]; None where no lead of the screws is known."""
+    return None if mechanism.screw_lead is None else np.asarray(forces * (mechanism.screw_lead / (2.0 * math.pi)))
+
+
+def _face(mechanism: SceneMechanism, model: CompliantMechanism, run: ContourRun, face: int) -> dict[str, Any]:
+    on = face_instants(run, face)
+    gap = 1e6 * run.gap[on]
+    places = np.flatnonzero(on)
+    start = max(0, (len(places) - FACE_POINTS) // 2)
+    legs = leg_forces(model, run, places[start : start + FACE_POINTS])
+    found: dict[str, Any] = {
+        "face": face + 1,
+        "at": FACES[face],
+        "mean_um": gap.mean(axis=0).tolist(),
+        "peak_to_peak_um": np.ptp(gap, axis=0).tolist(),
+        "leg_force_mean_n": legs.mean(axis=0).tolist(),
+        "leg_force_peak_to_peak_n": np.ptp(legs, axis=0).tolist(),
+    }
+    torques = motor_torques(mechanism, legs)
+    if torques is not None:
+        found["motor_torque_mean_nm"] = torques.mean(axis=0).tolist()
+        found["motor_torque_peak_to_peak_nm"] = np.ptp(torques, axis=0).tolist()
+    return found
+
+
+def _face_ratio(faces: list[dict[str, Any]]) -> dict[str, float | None]:
+    near, far = (next((item["mean_um"][0] for item in faces if item["face"] == number), None) for number in (1, 3))
+    ratio = abs(far / near) if near and far else None
+    return {"x as assumed": ratio, "x reversed": None if not ratio else 1.0 / ratio}
+
+
+def _series(mechanism: SceneMechanism, model: CompliantMechanism, run: ContourRun) -> dict[str, Any]:
+    some = np.unique(np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp))
+    legs = leg_forces(model, run, some)
+    found = {
+        "time_s": run.times[some].tolist(),
+        "gap_um": (1e6 * run.gap[some]).tolist(),
+        "leg_force_n": legs.tolist(),
+    }
+    torques = motor_torques(mechanism, legs)
+    return found if torques is None else {**found, "motor_torque_nm": torques.tolist()}
+
+
+def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
+    """Run the contour the scene asks for."""
+    if not state.is_root:
+        return Outcome()
+    mechanism, request = state.scene.mechanism, state.scene.analyses.contouring
+    if mechanism is None or request is None or state.placed is None:
+        raise ValueError("a contour stage needs a placed mechanism and a contour in the scene")
+    if not request.damping_ratios:
+        state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
+    if not request.cutting:
+        state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
+    record = None if request.forces is None or not request.cutting else read_forces(request.forces)
+    # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
+    model = dataclasses.replace(state.placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
+    run = run_contour(mechanism, model, request, record=record)
+    found = summarise_contour(mechanism, model, request, run)
+    if record is not None:
+        found["force_share_faster_than_steps"] = loss = resampling_loss(record, run.times)
+        if loss > MOST_LOST:
+            state.warn(
+                f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
+                " raise steps_per_turn in [analyses.contouring] to see it"
+            )
+    state.contouring = found
+    told = ", ".join(f"face {item['face']} {item['mean_um'][0]:+.1f} µm" for item in found["faces"] if item["face"] in (1, 3))
+    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}")

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.damped_machines import damp_system
+from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.reduction.motions.mode_naming import name_modes
-from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import LoopMargins, find_margins
 from headstock.solvers.control.stability import LoopPoles, find_loop_poles, require_stable
-from headstock.solvers.control.tracking import find_velocity_lag
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.parts.materials import Material
-from headstock.pipeline.planning.coupling_choices import has_choice
+from headstock.geometry.parts.components import Material
+from headstock.pipeline.planning.planner import has_choice
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine

@@ -7,10 +7,10 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_transfer, rotate_dofs
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.mechanisms.exechon_2 import COMPLIANCES, LEGS, LENGTHS
+from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion
 
 SPRING_PARTS = ("joint", "drive", "screw")

@@ -1,4 +1,7 @@
-"""The stages that work on the coupled machine: couple, static, modal. Only rank 0 has anything to do."""
+"""The stages that work on the coupled machine: couple, static, modal. Only rank 0 has anything to do.
+
+The damping a scene names, and no other, in a coupled machine.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,26 +15,50 @@ from headstock.geometry.machine.machine import position_units
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.mechanism_poses import describe_state
-from headstock.pipeline.results.results import PointCompliance, PoseModes
+from headstock.pipeline.results.results import PointCompliance, PoseModes, describe_state
 from headstock.pipeline.results.views import component_skin, shift_skins, view_pose
-from headstock.pipeline.stages.damped_machines import DAMPING, damp_system, solve_all_modes
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.damping_errors import estimate_damping_errors
+from headstock.reduction.motions.body_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
 from headstock.reduction.motions.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
-from headstock.reduction.motions.free_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
+from headstock.solvers.second_order import SecondOrderSystem
 
+DAMPING = "damping"
 UNSTABLE = 1e-9
 AT_REST = 1e-6  # of the lowest elastic frequency
 LARGE_ERROR = 0.5  # of a damping ratio
 NO_DAMPING = 1e-9  # a damping ratio: roundoff
+
+
+def solve_all_modes(state: RunState, system: SecondOrderSystem) -> ModalResult:
+    """All undamped modes of a coupled system, once for the analyses of a pose that need them."""
+    if state.all_modes is None or state.all_modes[0] is not system:
+        state.all_modes = (system, solve_modal(system))
+    return state.all_modes[1]
+
+
+def damp_system(state: RunState, system: SecondOrderSystem, modes: ModalResult | None = None) -> SecondOrderSystem:
+    """The system with the damping of the scene: none unless the effect is named; modal ratios on top of joints and materials.
+
+    Args:
+        state: Of the run.
+        system: As coupled, with what joints and materials bring.
+        modes: All undamped modes, where they are already known.
+    """
+    if DAMPING not in state.scene.effects:
+        return dataclasses.replace(system, damping=None, hysteretic=None)
+    if state.scene.modal_damping:
+        return add_modal_damping(system, state.scene.modal_damping, modes)
+    if system.damping is None and system.hysteretic is None:
+        state.warn("the effect damping is on, but no joint and no material has any: every damping ratio is zero")
+    return system
 
 
 def run_couple_stage(state: RunState, stage: Stage) -> Outcome:

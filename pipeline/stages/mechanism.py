@@ -6,12 +6,11 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
 from headstock.geometry.machine.machine import position_units
-from headstock.geometry.mechanisms.exechon_2 import LEGS, LENGTHS
+from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.mechanism_poses import describe_state
-from headstock.pipeline.results.results import PointCompliance, PoseModes
+from headstock.pipeline.results.results import PointCompliance, PoseModes, describe_state
 from headstock.pipeline.results.views import PointView, PoseView, ShiftArray, component_skin
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.lumped_machine import (

@@ -1,26 +1,135 @@
-"""What a path is computed with: the machine in a pose of the path, or along it."""
+"""What a path is computed with: the machine in a pose of the path, or along it.
+
+The path stage with drives under control: the loop in a pose of the path, judged before any run in time. The path stage: how far
+a machine leaves a straight line while its axes accelerate. Only rank 0 has anything to do.
+"""
 
 import dataclasses
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine_paths import travel_directions
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.machine import Machine, travel_directions
+from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
-from headstock.pipeline.results.path import FollowedPoses
-from headstock.pipeline.stages.damped_machines import damp_system
-from headstock.pipeline.stages.driven_path import close_path, drive_path
-from headstock.pipeline.stages.run_state import RunState
-from headstock.reduction.coupling.coupling import couple
+from headstock.pipeline.results.path import FollowedPoses, PathCurves, PathResult, PathRun
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
-from headstock.scene.requests import PathRequest
+from headstock.scene.requests import PathCut, PathRequest
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.friction_loop import friction_ports
+from headstock.solvers.control.stability import require_stable
+from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.path_figures import filter_deviation
-from headstock.solvers.paths.response import PathDeviation, PathModel, sample_times, solve_path
-from headstock.solvers.paths.set_points import SetPoint
+from headstock.solvers.milling.forces import cutting_forces
+from headstock.solvers.paths.controlled import ControlledPath, solve_controlled_path, solve_rubbing_path
+from headstock.solvers.paths.response import (
+    PathDeviation,
+    PathModel,
+    filter_deviation,
+    measure_zones,
+    sample_times,
+    slow_modes,
+    solve_path,
+)
+from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_response import StepTable, make_step_table, solve_varying_path
 from headstock.solvers.paths.varying_system import PosedModes, VaryingSystem, sample_system
+from headstock.solvers.second_order import Port
+
+ENERGY_LIMIT = 1e-6
+# modes up to so many times the band looked at are states of the loop, the others act at once; fewer where a stiff integrator has them
+LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
+STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
+
+
+def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float) -> ControlledPath:
+    """The closed loop of a scene's drives in a pose of the path.
+
+    Raises:
+        UnstableControlError: A pole grows.
+    """
+    driven = drive_machine(state, coupled)
+    require_stable(driven.system, driven.trains)
+    ports = friction_ports(driven.trains)
+    cut = request.cut
+    pushed = () if cut is None else tuple((cut.at, dof) for dof in DOF_NAMES[:3])
+    band = 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
+    reach = (FRICTION_REACH if ports else LINEAR_REACH) * band
+    machine = state.scene.machine
+    directions = travel_directions(machine, request.path)
+    return ControlledPath(
+        loop=close_loops(driven.system, driven.trains, inputs=(*pushed, *ports), outputs=request.outputs, up_to_hz=reach),
+        shares=axis_shares(request),
+        travel=np.array([travel_of_port(machine, directions, port) for port in request.outputs]),
+        slow_hz=slow_hz,
+        loads=None if cut is None else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
+        load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
+    )
+
+
+def drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
+    """Deviation over a move, with friction where the scene names it."""
+    if not friction_ports(path.loop.trains):
+        return solve_controlled_path(path, move, samples)
+    deviation, motion = solve_rubbing_path(path, move, samples)
+    if motion.energy.error > ENERGY_LIMIT:
+        state.warn(
+            f"path analysis at {6e4 * move.feed:g} mm/min: the energy balance misses {motion.energy.error:.2g} of the work, more than"
+            f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
+        )
+    state.energy_errors[f"{6e4 * move.feed:g} mm/min"] = motion.energy.error
+    return deviation
+
+
+def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
+
+    Args:
+        request: The cut.
+        travel: ``(3,)`` of the tool against the work per travel along the path.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    up = np.array(request.up)
+    along = travel - (travel @ up) * up
+    size = float(np.linalg.norm(along))
+    if size < 1e-9:
+        raise ModelError(f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`")
+    along = along / size
+    # the part lies on the right of the travel, seen from above
+    turn = np.array([along, np.cross(up, along), up])
+    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ turn
+
+
+def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
+    return np.array([travel_of_port(machine, directions, (point, dof)) for dof in DOF_NAMES[:3]])
+
+
+def axis_shares(request: PathRequest) -> dict[str, float]:
+    """Travel of each axis per travel along the path."""
+    start, end = request.path.start.positions, request.path.end.positions
+    return {axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length for axis in request.path.axes}
+
+
+def travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], port: Port) -> float:
+    """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
+    name, dof = port
+    if dof not in DOF_NAMES[:3]:
+        return 0.0
+    rest = np.zeros(3)
+    if name not in machine.points:
+        return float(directions.get(name.partition(".")[0], rest)[DOF_NAMES.index(dof)])
+    point = machine.points[name]
+    tool, work = (directions.get(end.component or "", rest) for end in (point.tool, point.work))
+    return float((tool - work)[DOF_NAMES.index(dof)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,4 +215,58 @@ def _judge_poses(
         steps=len(table.spline.x),
         truncation=float(np.abs(show(short) - whole).max() / max(np.abs(whole).max(), np.finfo(float).tiny)),
         effect=tuple(float(np.abs(show(found) - show(kept)).max()) for found, kept in zip(*solved, strict=True)),
+    )
+
+
+def run_path_stage(state: RunState, stage: Stage) -> Outcome:
+    """Deviation at every output along the path, once per feed: as the pose changes, and as if it stayed that of the middle."""
+    request = state.scene.analyses.path
+    if not state.is_root:
+        return Outcome()
+    if request is None:
+        raise ValueError("a path stage needs a path analysis in the scene")
+    middle = build_plant(state, request, 0.5 * request.path.length)
+    damped = middle.system.damping is not None or middle.system.hysteretic is not None
+    if not damped:
+        state.warn(
+            'path analysis: nothing is damped, so what the ramps set ringing rings on; write [effects] damping = { modal = "2 %" }'
+        )
+    try:
+        solved = solve_moves(state, request, middle)
+    except UnstableControlError as error:
+        state.failures.append(f"path analysis: {error}")
+        return Outcome(detail="refused: see below")
+    model, ramp = choose_model(request), request.moves[0].ramp
+    state.path = PathResult(
+        start=dict(request.path.start.positions),
+        end=dict(request.path.end.positions),
+        length=request.path.length,
+        ramp=ramp.kind,
+        time_constant=ramp.time_constant,
+        sampling_hz=request.sampling_hz,
+        lowpass_hz=None if request.low_pass is None else request.low_pass.frequency_hz,
+        filter="none" if request.low_pass is None else request.low_pass.kind,
+        damped=damped,
+        slow_hz=model.slow_hz,
+        slow_count=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
+        poses=solved.poses,
+        runs=tuple(run_move(request, *item) for item in zip(request.moves, solved.found, solved.kept, strict=True)),
+        drives=tuple(state.scene.drives),
+        energy_error=dict(state.energy_errors),
+    )
+    samples = sum(len(found.times) for found in solved.found)
+    poses = "" if solved.poses is None else f", {solved.poses.stations} poses"
+    return Outcome(detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}")
+
+
+def run_move(request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation) -> PathRun:
+    """The deviation of one move as filtered, with its figures; and as if the pose were kept."""
+    found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
+    motion = sample_move(move, found.times)
+    curves = PathCurves(move.feed, move.zones, request.outputs, found, frozen.total, motion.positions, motion.accelerations)
+    ports = range(len(request.outputs))
+    return PathRun(
+        curves,
+        figures=tuple(measure_zones(found, raw, move, port, request.ring_down) for port in ports),
+        frozen_figures=tuple(measure_zones(frozen, kept, move, port, request.ring_down) for port in ports),
     )

@@ -12,7 +12,7 @@ from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.ports import GRAVITY, load_factors
-from headstock.reduction.motions.free_motions import solve_machine_static
+from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
 
 # loaded only where a scene has probes: it needs the element library, which takes most of a second to import

@@ -9,8 +9,8 @@ from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.planning.planner import choose_poses
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.motions.body_motions import find_free_motions, warn_of_free_motions
 from headstock.reduction.motions.compliance_budget import point_budget
-from headstock.reduction.motions.free_motions import find_free_motions, warn_of_free_motions
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.topology import CORNERS, cell_family
 from headstock.pipeline.results.mode_files import (
@@ -26,7 +26,7 @@ from headstock.reduction.coupling.dof_layout import turn_dofs
 
 VOLUME_FOLDER = "volume"
 # loaded only where volumes are asked for: it needs the element library
-STRESS_MODULE = "headstock.solvers.elastic.energy_stresses"
+STRESS_MODULE = "headstock.solvers.elastic.discretisation_error"
 CELLS_AT_ONCE = 20_000
 VTK_KINDS: dict[CellKind, int] = {"tet4": 10, "tet10": 24, "hex8": 12, "hex20": 25, "hex27": 29}
 _HEX20 = [*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]

@@ -1,11 +1,14 @@
-"""Keys of the store: SHA-256 of everything a mesh or a superelement depends on, and of nothing else."""
+"""Keys of the store: SHA-256 of everything a mesh or a superelement depends on, and of nothing else.
+
+What results of a scene depend on besides its text: this program's packages, the files of its solids and its measured forces.
+"""
 
 import dataclasses
 import functools
 import hashlib
 import importlib.metadata
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,26 @@ import numpy as np
 
 import headstock.geometry
 import headstock.meshing
+import headstock.pipeline
 import headstock.reduction
+import headstock.scene
 import headstock.solvers
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
+from headstock.pipeline.storage.json_texts import Json
 
 SIGNIFICANT_DIGITS = 12
 MESH_LIBRARIES = ("gmsh", "numpy")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
+PACKAGES = (
+    headstock.geometry,
+    headstock.meshing,
+    headstock.solvers,
+    headstock.reduction,
+    headstock.scene,
+    headstock.pipeline,
+)
+FILE_KEYS = ("step", "mesh", "superelement")
 
 
 def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
@@ -130,3 +145,19 @@ def _library_version(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return "unknown"
+
+
+def file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
+    """Files that solids and measured forces are read from and their SHA-256."""
+    names = [
+        component["solid"][key]
+        for component in raw.get("components", {}).values()
+        for key in FILE_KEYS
+        if key in component.get("solid", {})
+    ]
+    contouring = raw.get("analyses", {}).get("contouring")
+    if isinstance(contouring, dict) and "forces" in contouring:
+        names.append(contouring["forces"])
+    for name in names:
+        with (folder / name).open("rb") as file:
+            yield name, hashlib.file_digest(file, "sha256").hexdigest()

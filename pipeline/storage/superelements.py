@@ -1,6 +1,12 @@
-"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``."""
+"""Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``.
+
+The child process that reads a superelement file first: ``python -m headstock.pipeline.storage.superelements < FILE``.
+
+The HDF5 library has ended whole processes on damaged files; what this process survives, its parent can read.
+"""
 
 import io
+import sys
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,7 +17,7 @@ import scipy.linalg
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
-from headstock.meshing.process.guarded import ChildLimits, run_guarded
+from headstock.meshing.process.guarded import ChildLimits, accept_guard, run_guarded
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
@@ -22,7 +28,7 @@ from headstock.reduction.superelement_checks import dof_scale
 FORMAT = "headstock superelement"
 VERSION = 1
 # limits of the child process that reads a file first: fixed, and growing with the file
-PROBE = "headstock.pipeline.storage.superelement_probe"
+PROBE = "headstock.pipeline.storage.superelements"
 REFUSED = 3
 MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
@@ -258,3 +264,18 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
     for name, attachment in superelement.attachments.items():
         if not 0 <= attachment.node < len(superelement.frames):
             raise RecordError(f"{path}: interface {name!r} sits on node {attachment.node}; there are {len(superelement.frames)}")
+
+
+def main(arguments: list[str]) -> int:
+    """Read the file on standard input within limits; 0 it is sound, 3 it is not and standard error says why."""
+    (name,) = accept_guard(arguments)
+    try:
+        parse_superelement(io.BytesIO(sys.stdin.buffer.read()), name)
+    except RecordError as error:
+        sys.stderr.write(f"\n{error}\n")
+        return REFUSED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -7,25 +7,26 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Load, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Load, Material, Support
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
 from headstock.meshing.elements.topology import cell_family
 from headstock.reduction.components.boundary_basis import build_boundary_basis
-from headstock.reduction.components.component_loads import assemble_loads
-from headstock.reduction.components.constraint_modes import MeanConstraints, local_dofs
-from headstock.reduction.components.constraint_modes_2 import find_constraint_modes
-from headstock.reduction.components.elastic_checks import without_rigid_stiffness
-from headstock.reduction.components.fixed_interface_modes import FixedInterfaceModes, find_fixed_interface_modes, verify_mode_count
-from headstock.reduction.components.locking_elements import judge_element_order
+from headstock.reduction.components.constraint_modes import MeanConstraints, find_constraint_modes, local_dofs
+from headstock.reduction.components.elastic_checks import judge_element_order, without_rigid_stiffness
+from headstock.reduction.components.fixed_interface_modes import (
+    FixedInterfaceModes,
+    find_fixed_interface_modes,
+    measure_truncation,
+    verify_mode_count,
+)
+from headstock.reduction.components.interface_patches import assemble_loads
 from headstock.reduction.components.subspace import ReductionSpace, project_component
-from headstock.reduction.components.truncation_moments import measure_truncation
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
 from headstock.reduction.superelement import StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.discretisation_error_2 import estimate_mesh_errors, mesh_safety, sees_errors
+from headstock.solvers.elastic.discretisation_error import estimate_mesh_errors, mesh_safety, sees_errors
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 

@@ -17,9 +17,8 @@ from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import prism_skin
 from headstock.geometry.parts.solids import Tube
-from headstock.reduction.components.segment_chain import chain_stiffness, section_motion
+from headstock.reduction.components.segment_chain import chain_stiffness, section_motion, segment_mass
 from headstock.reduction.components.segment_interfaces import SegmentedBar, attach_interfaces, surface_motion, traction_load
-from headstock.reduction.components.segment_springs import segment_mass
 from headstock.reduction.rails import Rail, lay_out_rail, station_motion
 from headstock.reduction.superelement import StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement

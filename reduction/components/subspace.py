@@ -7,8 +7,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component
 from headstock.reduction.components.boundary_basis import BoundaryBasis, boundary_labels
-from headstock.reduction.components.constraint_modes import MeanConstraints
-from headstock.reduction.components.constraint_modes_2 import dependent_rows
+from headstock.reduction.components.constraint_modes import MeanConstraints, dependent_rows
 from headstock.reduction.components.fixed_interface_modes import FixedInterfaceModes
 from headstock.reduction.rails import STATION_DOFS, Rail
 from headstock.reduction.superelement import Attachment, Superelement

@@ -7,13 +7,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
-from headstock.reduction.coupling.coupling_memo import CouplingMemo
 from headstock.reduction.coupling.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
-from headstock.reduction.coupling.graded_springs import grade_springs
-from headstock.reduction.coupling.joint_springs import JointSpring, connected_groups, place_joints, reduce_spring
+from headstock.reduction.coupling.joint_springs import JointSpring, connected_groups, grade_springs, place_joints, reduce_spring
 from headstock.reduction.coupling.matrices import (
     ComponentMatrices,
+    CouplingMemo,
     component_matrices,
     sum_damping,
     sum_hysteretic,

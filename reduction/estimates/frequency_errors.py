@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.truncation import Truncation, most_participation
+from headstock.reduction.superelement import Truncation, most_participation
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 

@@ -7,11 +7,10 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.motions.body_motions import join_names, rigid_dofs, split_number
-from headstock.reduction.motions.free_motions import free_motion_error
+from headstock.reduction.motions.body_motions import free_motion_error, join_names, rigid_dofs, split_number
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.static_response import solve_balanced
-from headstock.solvers.linear.symmetric_matrices_2 import absolute_product
+from headstock.solvers.linear.symmetric_matrices import absolute_product
 
 BUDGET_LIMIT = 1e-9
 LARGEST_MISS = 1e-4  # of the work, whatever rounding may leave

@@ -1,6 +1,11 @@
-"""From validated tables to solids, patches, materials and components."""
+"""From validated tables to solids, patches, materials and components.
 
-from collections.abc import Mapping
+Checks that a patch lies on a face the solid has. Checks that every key of a component's mesh has something to act on. Checks
+that a component can be cut into segments, and that loads can act on what is not meshed.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +14,26 @@ from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.parts.components import (
     Component,
     Interface,
+    Material,
     MeshSettings,
     Patch,
     RailSettings,
     ReductionSettings,
     SegmentSettings,
 )
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, Solid, StepFile, SuperelementFile, Tube
+from headstock.meshing.sizing import (
+    PATCH_CELLS,
+    count_patch_cells,
+    default_size,
+    dense_patch_message,
+    largest_extent,
+    thinnest_feature,
+)
 from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.components import (
     ComponentTable,
     InterfaceTable,
@@ -27,6 +43,7 @@ from headstock.scene.schema.components import (
     RotationTable,
     SolidTable,
 )
+from headstock.scene.schema.connections import LoadTable
 
 FEWEST_STATIONS = 4
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
@@ -36,6 +53,10 @@ FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
 }
 # matrices from a file bring their own stiffness and mass
 NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
+PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
+OVERHANG_TOLERANCE = 1e-9
+# what only our own mesher can follow; the order of a mesh file's elements is raised and its refusals are overruled
+OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest")
 
 
 def build_material(name: str, table: MaterialTable) -> Material:
@@ -164,3 +185,175 @@ def _build_mesh_settings(table: MeshTable) -> MeshSettings:
 def _three(values: list[float]) -> tuple[float, float, float]:
     x, y, z = values
     return x, y, z
+
+
+def face_names(solid: Solid) -> tuple[str, ...]:
+    """Face names a solid answers to, besides ``face:N`` and ``set:NAME``."""
+    if isinstance(solid, Tube):
+        return ("z-", "z+", "outer", "inner") if solid.inner_diameter > 0.0 else ("z-", "z+", "outer")
+    return PLANAR_FACES
+
+
+def find_face_fault(face: str, solid: Solid) -> str:
+    """Why a solid has no such face; empty when it has one as far as can be said without meshing."""
+    known = list(face_names(solid))
+    if face in known:
+        return ""
+    prefix, colon, rest = face.partition(":")
+    if colon and prefix == "face" and not isinstance(solid, MeshFile):
+        return "" if rest.isdecimal() and int(rest[:9]) > 0 else f"{face!r}: faces are counted from 1; write face:1"
+    if colon and prefix == "set" and isinstance(solid, MeshFile):
+        return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
+    more = ["set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
+    return f"{face[:80]!r} is not a face of this {kind_of(solid)}; faces: {', '.join(known + more)}"
+
+
+def find_patch_fault(table: PatchTable, solid: Solid) -> str:
+    """Why a patch cannot be laid on a solid; empty when it can as far as can be said without meshing."""
+    fault = find_face_fault(table.face, solid)
+    shape = table.disk or table.rect or table.strip
+    if fault or shape is None:
+        return fault
+    if table.face not in PLANAR_FACES:
+        if isinstance(solid, StepFile | MeshFile) and table.face not in ("outer", "inner"):
+            return "" if shape.center is not None and len(shape.center) == 3 else "write the centre with all three coordinates"
+        return f"disk, rect and strip need a flat face, {table.face!r} is not one; leave the shape away to take the whole face"
+    center = patch_center(table, solid)
+    if center is None:
+        return "only the file knows the face's middle; write the centre of the patch"
+    box = bounding_box(solid)
+    if box is None:
+        return ""
+    normal = "xyz".index(table.face[0])
+    axes = [axis for axis in range(3) if axis != normal]
+    return _find_overhang(table, center, box, axes) or _find_hole(table, center, solid)
+
+
+def kind_of(solid: Solid) -> str:
+    """Word for a solid in messages."""
+    words = {"Box": "box", "Tube": "tube", "Plate": "plate", "HollowColumn": "column", "StepFile": "STEP solid", "MeshFile": "mesh"}
+    return words.get(type(solid).__name__, "superelement")
+
+
+def _find_overhang(
+    table: PatchTable, center: tuple[float, float, float], box: tuple[tuple[float, float], ...], axes: list[int]
+) -> str:
+    if table.strip is not None and table.strip.along not in ["xyz"[axis] for axis in axes]:
+        return f"a strip on {table.face} runs along {' or '.join('xyz'[axis] for axis in axes)}, not {table.strip.along}"
+    for axis, half in zip(axes, _half_sizes(table, axes), strict=True):
+        low, high = box[axis]
+        if half is None:
+            continue
+        slack = OVERHANG_TOLERANCE * (high - low)
+        start, stop = center[axis] - half, center[axis] + half
+        if start < low - slack or stop > high + slack:
+            outside = "outside" if stop <= low or start >= high else "beyond"
+            return (
+                f"the patch reaches {outside} the face: along {'xyz'[axis]} it spans {_mm(start)} to {_mm(stop)}, "
+                f"face {table.face} {_mm(low)} to {_mm(high)}; move it or make it smaller"
+            )
+    return ""
+
+
+def _half_sizes(table: PatchTable, axes: list[int]) -> list[float | None]:
+    if table.disk is not None:
+        return [0.5 * table.disk.diameter] * 2
+    if table.rect is not None:
+        return [0.5 * size for size in table.rect.size]
+    if table.strip is not None:
+        return [None if "xyz"[axis] == table.strip.along else 0.5 * table.strip.width for axis in axes]
+    return [None, None]
+
+
+def _find_hole(table: PatchTable, center: tuple[float, float, float], solid: Solid) -> str:
+    """A tube's end face is a ring: refuse a disk or rect that leaves it or covers none of it."""
+    if not isinstance(solid, Tube) or table.strip is not None:
+        return ""
+    halves = [half or 0.0 for half in _half_sizes(table, [0, 1])]
+    x, y = abs(center[0]), abs(center[1])
+    reach = math.hypot(x, y) + halves[0] if table.disk is not None else math.hypot(x + halves[0], y + halves[1])
+    if reach <= 0.5 * solid.inner_diameter * (1.0 + OVERHANG_TOLERANCE):
+        return f"the patch is empty: it lies in the bore of {_mm(solid.inner_diameter)}; move it onto the ring"
+    if reach > 0.5 * solid.outer_diameter * (1.0 + OVERHANG_TOLERANCE):
+        return f"the patch reaches beyond the round face of {_mm(solid.outer_diameter)}; move it or make it smaller"
+    return ""
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.6g} mm"
+
+
+def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
+    """What is wrong with how an elastic component is to be meshed: the key below it and what to write."""
+    if table.fidelity != "elastic" or table.solid.superelement is not None:
+        return
+    mesh = table.mesh
+    if isinstance(solid, MeshFile):
+        for key in OWN_MESH_KEYS:
+            if key in mesh.model_fields_set:
+                yield ("mesh", key), f"the mesh is that of {solid.path.name}; remove {key}, or mesh a STEP file of the part"
+        return
+    if mesh.cells == "hex" and table.solid.box is None:
+        yield ("mesh", "cells"), f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"'
+    if mesh.cells == "hex" and mesh.growth is not None:
+        yield ("mesh", "growth"), 'only tets grow from rims; write cells = "tet", or remove growth'
+    if mesh.rim_size is not None and mesh.growth is None:
+        yield ("mesh", "rim_size"), "says nothing without a growth from there; write growth = 0.3 beside it"
+    if mesh.rim_size is not None and mesh.size is not None and mesh.rim_size >= mesh.size:
+        yield ("mesh", "rim_size"), "is not smaller than size; write a smaller one, or remove rim_size and growth"
+    if mesh.smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
+        yield ("mesh", "smallest"), "a box has no curved faces and no short edges; remove smallest"
+    if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
+        yield ("mesh", "smallest"), "is larger than size; write a smaller one, or remove it"
+    yield from _find_rimless(table)
+
+
+def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
+    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when only the CAD kernel can say."""
+    if table.fidelity != "elastic" or table.mesh.cells == "hex" or table.mesh.growth is not None:
+        return ""
+    if isinstance(solid, MeshFile | StepFile | SuperelementFile):
+        return ""
+    across = table.mesh.across_patches
+    size = table.mesh.size or default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid))
+    count = count_patch_cells(patch, solid, across=across, size=size)
+    return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
+
+
+def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
+    """Rims that a mesh is to grow from where there are none."""
+    mesh, interfaces = table.mesh, table.interfaces.values()
+    if mesh.growth is None:
+        return
+    rigid = any(entry.coupling == "rigid" and entry.rail is None for entry in interfaces)
+    imprinted = any(patch.disk or patch.rect or patch.strip for entry in interfaces for patch in entry.patch_tables())
+    if mesh.rim_size is not None and not rigid:
+        yield ("mesh", "rim_size"), 'no interface has the coupling "rigid"; remove rim_size'
+    elif mesh.rim_size is None and not imprinted:
+        remedy = 'write rim_size = "2 mm", say, for those of rigid interfaces' if rigid else "remove growth"
+        yield ("mesh", "growth"), f"there is no patch from whose rim elements could grow; {remedy}"
+
+
+def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
+    """Why a segmented component cannot be one: the key below it and what to write."""
+    if table.fidelity != "segmented" or table.solid.superelement is not None:
+        return []
+    try:
+        bar = prismatic_bar(solid, table.segments.along)
+    except ValueError as error:
+        return [(("fidelity",), f'cannot be segmented: {error}; write "elastic" or "rigid"')]
+    faults: list[tuple[KeyPath, str]] = []
+    for name, interface in table.interfaces.items():
+        for patch in interface.patch_tables():
+            try:
+                patch_span(bar, build_patch(patch, solid))
+            except ValueError as error:
+                faults.append((("interfaces", name), f"cannot hang on segments: {error}"))
+    return faults
+
+
+def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
+    """Why a load cannot act on its component; empty when it can."""
+    if component is None or component.solid.superelement is not None or load.kind != "pressure" or component.fidelity == "elastic":
+        return ""
+    return f"a pressure needs a mesh and the component is {component.fidelity}; write a traction or a force, or make it elastic"

@@ -6,18 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from headstock.geometry.frames import DOF_NAMES
-from headstock.scene.building.drive_builder import build_control, build_drives, build_path_cut
-from headstock.scene.building.drives import check_drives
+from headstock.scene.building.drives import build_control, build_drives, build_path_cut, check_drives
 from headstock.scene.building.machine import build_machine, build_poses
-from headstock.scene.building.mechanism import check_mechanism
-from headstock.scene.building.mechanism_builder import build_contouring, build_map, build_mechanism
+from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism
 from headstock.scene.building.names import check_references
 from headstock.scene.building.path import build_path, check_path, check_path_carriages
-from headstock.scene.building.path_file_checks import read_sweep_paths
 from headstock.scene.building.physics import check_physics
 from headstock.scene.building.rails import check_carriages
-from headstock.scene.building.studies import axis_units, build_sweep, check_sweeps
-from headstock.scene.building.study_builder import build_study
+from headstock.scene.building.studies import axis_units, build_study, build_sweep, check_sweeps, read_sweep_paths
 from headstock.scene.reading.axis_paths import AxisPath
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings
@@ -28,7 +24,7 @@ from headstock.scene.schema.overrides import apply_settings, apply_values, apply
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
-from headstock.solvers.paths.path_figures import LowPass
+from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import Ramp, SetPoint
 from headstock.solvers.second_order import Port
 

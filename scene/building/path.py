@@ -1,8 +1,7 @@
 """The path of a path analysis, and checks of it: axes, limits, feeds and carriages on their rails."""
 
 from headstock.geometry.machine.carriages import place_carriages
-from headstock.geometry.machine.machine import Pose, show_position
-from headstock.geometry.machine.machine_paths import MachinePath
+from headstock.geometry.machine.machine import MachinePath, Pose, show_position
 from headstock.scene.building.rails import SLACK, describe_overhang
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath

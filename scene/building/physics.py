@@ -8,18 +8,24 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import show_position
+from headstock.geometry.parts.components import weigh_modes
 from headstock.geometry.parts.mass_properties import solid_volume
-from headstock.geometry.parts.materials import weigh_modes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
-from headstock.scene.building.components import bounding_box, build_patch, build_solid
+from headstock.scene.building.components import (
+    bounding_box,
+    build_patch,
+    build_solid,
+    find_dense_patch,
+    find_load_fault,
+    find_mesh_faults,
+    find_patch_fault,
+    find_segment_faults,
+)
 from headstock.scene.building.joints import build_joint, connects, find_joint_faults
-from headstock.scene.building.machine_graph import Edge, floating_groups, moved_components
+from headstock.scene.building.machine import Edge, floating_groups, moved_components
 from headstock.scene.building.mechanism import is_lumped
-from headstock.scene.building.mesh_checks import find_dense_patch, find_mesh_faults
 from headstock.scene.building.names import is_known_end, sound_joints
-from headstock.scene.building.patch_checks import find_patch_fault
 from headstock.scene.building.rails import check_rails
-from headstock.scene.building.segment_checks import find_load_fault, find_segment_faults
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity

@@ -2,10 +2,9 @@
 
 import math
 
-from headstock.geometry.machine.carriages import LEAST_INTERVALS, Carriage, count_stations, place_carriages
+from headstock.geometry.machine.carriages import LEAST_INTERVALS, Carriage, count_stations, place_carriages, rail_span
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.machine.rail_spans import rail_span
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.building.components import build_interface

@@ -1,26 +1,44 @@
-"""From validated tables to sweeps, and what may be wrong with them."""
+"""From validated tables to sweeps, and what may be wrong with them.
+
+The files that sweeps take their ways from, held against the axes of the scene. From validated tables to studies.
+"""
 
 import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import place_carriages
-from headstock.geometry.machine.machine import Machine
+from headstock.geometry.machine.machine import Machine, show_position
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.scene.building.rails import SLACK, describe_overhang
-from headstock.scene.reading.axis_paths import AxisPath
+from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
+from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.connections import PoseTable
 from headstock.scene.schema.overrides import split_variant
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.schema_sweeps import MAX_SWEEP_POSES, SweepTable
-from headstock.scene.sweep_poses import Sweep, count_path, make_grid, make_list, make_path, sweep_pose
+from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable
+from headstock.scene.studies import (
+    TRUTH,
+    VARIANT,
+    Study,
+    StudyFamily,
+    Sweep,
+    count_path,
+    make_grid,
+    make_list,
+    make_path,
+    sweep_pose,
+)
 
 OVERHANGS_TOLD = 3
+SUFFIXES = (".csv",)
+UNITS = {"m": "mm", "rad": "deg"}
 
 
 def axis_units(scene: SceneTable) -> dict[str, str]:
@@ -103,3 +121,82 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
         return math.prod(span.positions for span in table.axes.values())
     waypoints = _waypoints(name, scene, paths)
     return count_path(axis_units(scene), waypoints, *_step(table)) if waypoints else len(table.poses or ())
+
+
+def read_sweep_paths(scene: SceneTable, units: dict[str, str], folder: Path, findings: Findings) -> dict[str, AxisPath]:
+    """The way of each sweep that names a file, where it could be read; what is wrong is reported.
+
+    Args:
+        scene: With sweeps.
+        units: ``m`` or ``rad`` of every axis a sweep may name.
+        folder: Of the scene.
+        findings: Receives problems, each with the line of the file.
+    """
+    found: dict[str, AxisPath] = {}
+    for name, table in scene.sweeps.items():
+        if not isinstance(table.path, str):
+            continue
+        key: KeyPath = ("sweeps", name, "path")
+        try:
+            found[name] = read_path(resolve_file(folder, table.path, SUFFIXES))
+        except (ValueError, PathFileError) as error:
+            findings.add(key, str(error))
+            continue
+        for column, axis in enumerate(found[name].axes):
+            if fault := _find_fault(found[name], column, axis, scene, units):
+                findings.add(key, fault)
+    return found
+
+
+def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units: dict[str, str]) -> str:
+    """Why an axis cannot follow its column; empty where it can."""
+    if axis not in units:
+        return f"{path.name}:1: unknown axis {axis[:80]!r}; {suggest_names(axis, units, what='axes')}"
+    if units[axis] != path.units[column]:
+        kind = "linear" if units[axis] == "m" else "rotary"
+        return f"{path.name}:1: axis {axis} is {kind}; write for example {axis} [{UNITS[units[axis]]}]"
+    limits = scene.axes[axis].limits if axis in scene.axes else None
+    if limits is None:
+        return ""
+    low, high = (limit.value for limit in limits)
+    outside = np.flatnonzero((path.positions[:, column] < low) | (path.positions[:, column] > high))
+    if not len(outside):
+        return ""
+    first, unit = int(outside[0]), path.units[column]
+    more = f" ({len(outside) - 1} rows more)" if len(outside) > 1 else ""
+    places = [show_position(float(place), unit) for place in (path.positions[first, column], low, high)]
+    return f"{path.name}:{path.lines[first]}: {places[0]} is outside the limits of axis {axis}: {places[1]} to {places[2]}{more}"
+
+
+def build_study(name: str, table: StudyTable) -> Study:
+    """The study a faultless table stands for; what it sets itself holds in each of its families unless they set it too."""
+    families = [_build_family(key, family, table) for key, family in table.families.items()]
+    if table.vary is not None:
+        vary = {key: tuple(values) for key, values in table.vary.items()}
+        families = [StudyFamily("", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ()))]
+    if table.truth is not None:
+        settings = {key: value for key, value in {**table.set, **table.truth}.items() if key != VARIANT}
+        vary = {VARIANT: (str(table.truth[VARIANT]),)} if VARIANT in table.truth else {}
+        # last: what it needs of memory would hide what the others need where a process cannot forget its peak
+        families.append(StudyFamily(TRUTH, "held against", settings, vary, analyses=tuple(table.analyses or ())))
+    return Study(
+        name=name,
+        families=tuple(families),
+        watch=tuple(table.watch or ()),
+        cold=table.store == "cold",
+        repeats=table.repeats,
+        reference=table.reference,
+        truth=table.truth,
+    )
+
+
+def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFamily:
+    return StudyFamily(
+        name=name,
+        label=family.label or name.replace("_", " "),
+        settings={**table.set, **family.set},
+        vary={key: tuple(values) for key, values in family.vary.items()},
+        pairwise=family.pairwise or table.pairwise,
+        analyses=tuple(family.analyses or table.analyses or ()),
+        other_model=family.other_model,
+    )

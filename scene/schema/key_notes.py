@@ -154,7 +154,7 @@ NOTES = {
     "Contouring.at": "centre of the block, and height of the tool point",
     "Contouring.feed": "feed rate",
     "Contouring.spindle": "speed of the spindle",
-    "Contouring.material": "what is cut; coefficients and their source stand in `solvers/milling/cutting_materials.py`",
+    "Contouring.material": "what is cut; coefficients and their source stand in `solvers/milling/forces.py`",
     "Contouring.forces": "measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool, machine frame;"
     " each time step takes their mean over it",
     "Contouring.lead": "straight way before and after the block",

@@ -1,4 +1,7 @@
-"""Schema of a closed-loop mechanism: its kind, dimensions, mounting, what it carries, limits and lumped springs."""
+"""Schema of a closed-loop mechanism: its kind, dimensions, mounting, what it carries, limits and lumped springs.
+
+Schema of a contouring simulation: the block, the way around it, the tool and the cut.
+"""
 
 from typing import Annotated, Literal, Self
 
@@ -6,17 +9,24 @@ from pydantic import Field, model_validator
 
 from headstock.scene.schema.components import Rotations
 from headstock.scene.schema.types import (
+    Angle,
     AxisPosition,
+    Count,
     Direction,
     Length,
     Name,
     Names,
     NotNegativeLength,
     Position,
+    PositiveAngularSpeed,
     PositiveForce,
     PositiveLength,
+    PositiveSpeed,
     PositiveStiffness,
+    PositiveTime,
+    RequestTable,
     StrictTable,
+    Text,
     problem,
 )
 
@@ -64,3 +74,30 @@ class MechanismTable(StrictTable):
                 'model = "lumped" needs its springs; write springs = { joint = "275 N/um", drive = "375 N/um", screw = "412 MN" }'
             )
         return self
+
+
+class MillTable(StrictTable):
+    """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
+
+    diameter: PositiveLength
+    teeth: Annotated[Count, Field(le=100)]
+    helix: Angle = 0.0
+    runout: NotNegativeLength = 0.0
+
+
+class ContouringTable(RequestTable):
+    """A square block milled around from outside, clockwise seen from above (climb milling), on a lumped mechanism."""
+
+    side: PositiveLength
+    at: Position
+    feed: PositiveSpeed
+    spindle: PositiveAngularSpeed
+    mill: MillTable
+    axial_depth: PositiveLength
+    radial_depth: PositiveLength
+    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"] | None = None
+    forces: Text | None = None
+    lead: Length = 0.02
+    averaging: PositiveTime = 0.01
+    model: Literal["linear", "nonlinear"] = "linear"
+    steps_per_turn: Annotated[Count, Field(ge=24, le=2000)] = 96

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from headstock.scene.schema.connections import PoseTable
-from headstock.scene.schema.schema_contouring import MillTable
+from headstock.scene.schema.mechanism import MillTable
 from headstock.scene.schema.types import (
     Direction,
     PortName,

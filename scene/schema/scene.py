@@ -1,4 +1,7 @@
-"""Schema of a whole scene file."""
+"""Schema of a whole scene file.
+
+Schema of the frequency response analysis. Schema of the accuracy a scene asks for.
+"""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -9,22 +12,20 @@ from headstock.scene.schema.components import ComponentTable, MaterialTable, Ori
 from headstock.scene.schema.connections import AxisTable, JointTable, LoadTable, PointTable, PoseTable, ProbeTable, SupportTable
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
-from headstock.scene.schema.mechanism import MechanismTable
+from headstock.scene.schema.mechanism import ContouringTable, MechanismTable
 from headstock.scene.schema.path import PathTable
-from headstock.scene.schema.schema_accuracy import AccuracyEntry
-from headstock.scene.schema.schema_contouring import ContouringTable
-from headstock.scene.schema.schema_frequency import FrfTable
-from headstock.scene.schema.schema_sweeps import SweepTable
-from headstock.scene.schema.studies import StudyTable
+from headstock.scene.schema.studies import StudyTable, SweepTable
 from headstock.scene.schema.types import (
     MAX_POSES,
     RATIO_FORM,
     Count,
     Flag,
+    Frequency,
     JsonForm,
     Name,
     Names,
     OrForm,
+    PortName,
     PositiveFrequency,
     PositiveMemory,
     PositiveTime,
@@ -34,7 +35,73 @@ from headstock.scene.schema.types import (
     Text,
     not_both,
     problem,
+    read_share,
 )
+
+Ports = Annotated[list[PortName], Field(min_length=1, max_length=100)]
+TIGHTEST, LOOSEST = 1e-4, 0.2
+
+
+class FrfTable(RequestTable):
+    """Frequency response between points, or interfaces, from one frequency to another."""
+
+    inputs: Ports | None = None
+    outputs: Ports | None = None
+    start: Annotated[Frequency, Field(alias="from")] = 0.0
+    to: PositiveFrequency
+    points: Annotated[Count, Field(ge=2, le=100_000)] = 401
+    spacing: Literal["linear", "log"] = "linear"
+    adaptive: Flag = True
+    motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
+    poses: Names | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.start >= self.to:
+            raise problem(f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`")
+        if self.spacing == "log" and self.start == 0.0:
+            raise problem('a log spacing cannot begin at 0 Hz; write from = "1 Hz"')
+        return self
+
+
+def _read_accuracy(value: object) -> float:
+    share = read_share(value, "accuracy")
+    if not TIGHTEST <= share <= LOOSEST:
+        raise problem(
+            f'is {100.0 * share:g} %; an accuracy lies between {100.0 * TIGHTEST:g} % and {100.0 * LOOSEST:g} %; write "1 %"'
+        )
+    return share
+
+
+Accuracy = Annotated[
+    float,
+    BeforeValidator(_read_accuracy),
+    JsonForm(
+        {
+            "description": f"ratio from {TIGHTEST:g} to {LOOSEST:g}",
+            "examples": ["1 %", 0.01],
+            **RATIO_FORM,
+            "minimum": TIGHTEST,
+            "maximum": LOOSEST,
+        }
+    ),
+]
+
+
+class AccuracyTable(StrictTable):
+    """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen for it."""
+
+    to: Accuracy
+    fidelity: Flag = False
+
+
+def _wrap_accuracy(value: Any) -> Any:
+    return value if isinstance(value, dict) else {"to": value}
+
+
+AccuracyEntry = Annotated[
+    AccuracyTable, BeforeValidator(_wrap_accuracy), OrForm({"description": "ratio", "examples": ["1 %"], **RATIO_FORM})
+]
 
 
 class StaticTable(RequestTable):
@@ -110,7 +177,11 @@ def _read_effects(value: object) -> object:
 
 
 _RATIOS = {"anyOf": [RATIO_FORM, {"type": "array", "items": RATIO_FORM, "minItems": 1}]}
+
+
 _ACCELERATION = {"type": "string", "pattern": QuantityPattern((ACCELERATION,))}
+
+
 _EFFECT_FORMS = {
     **{name: {"type": "boolean"} for name in PLAIN_EFFECTS},
     "gravity": {
@@ -125,6 +196,8 @@ _EFFECT_FORMS = {
         "examples": [True, {"modal": 0.02}],
     },
 }
+
+
 Effects = Annotated[
     dict[Text, Any],
     BeforeValidator(_read_effects),

@@ -5,6 +5,8 @@
 
 The machine is linear about its pose; the travel of an axis is a free coordinate of it, so that set points may be as large as the
 pose allows. The loop is continuous: sampling counts as a dead time of one cycle of computing and half a cycle of hold.
+
+How far a controlled axis lags behind its set point at constant speed.
 """
 
 import math
@@ -15,9 +17,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import make_dead_time
+from headstock.solvers.control.dead_time import LinearBlock, connect_in_series, make_dead_time, stack_blocks
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_port
-from headstock.solvers.control.linear_blocks import LinearBlock, connect_in_series, stack_blocks
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Port, SecondOrderSystem
 
@@ -189,3 +190,25 @@ def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
     for number, train in enumerate(trains):
         spread[5 * number : 5 * number + 3, 3 * axes.index(train.axis) : 3 * axes.index(train.axis) + 3] = np.eye(3)
     return spread
+
+
+def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Port, float]]:
+    """Steady lag of an axis that moves at 1 m/s.
+
+    At constant speed the states follow ``x = X1 t + X0`` with ``A X1 + B_p = 0`` and ``A X0 + B_v = X1``: exact, no time run.
+
+    Args:
+        loop: A stable closed loop, no more motions free than its drives hold.
+        axis: The axis.
+
+    Returns:
+        Set point less measured position [s], and what each output does beyond what it does per metre of travel at rest [s].
+    """
+    space = loop.space
+    position, velocity = (space.inputs.index((axis, kind)) for kind in ("position", "velocity"))
+    travel = -np.linalg.solve(space.a, space.b[:, position])
+    steady = np.linalg.solve(space.a, travel - space.b[:, velocity])
+    moved: FloatArray = space.c @ steady + space.d[:, velocity]
+    train = next(train for train in loop.trains if train.axis == axis)
+    shown = {port: float(value) for port, value in zip(space.outputs, moved, strict=True)}
+    return -shown[train.name, ENCODER], shown

@@ -1,4 +1,7 @@
-"""A closed loop whose guides rub: its rate of change, with the works of all forces as states of their own."""
+"""A closed loop whose guides rub: its rate of change, with the works of all forces as states of their own.
+
+Friction of a guide: Coulomb with a Stribeck curve and a viscous part, smooth through zero velocity.
+"""
 
 from dataclasses import dataclass
 
@@ -8,10 +11,30 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, set_ports
 from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
-from headstock.solvers.control.guide_friction import friction_force, friction_slope
 from headstock.solvers.second_order import Port
 
 WORKS = 4  # of the drives, of the loads, lost in dampers, lost in friction
+
+
+def friction_force(law: GuideFriction, velocity: FloatArray) -> FloatArray:
+    """Force against the motion [N].
+
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1 (Stribeck curve with a Gaussian);
+        the sign of the velocity is smoothed to a tanh.
+    """
+    return np.asarray(_level(law, velocity) * np.tanh(velocity / law.smoothing) + law.viscous * velocity)
+
+
+def friction_slope(law: GuideFriction, velocity: FloatArray) -> FloatArray:
+    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
+    bend = np.tanh(velocity / law.smoothing)
+    falling = -2.0 * velocity / law.stribeck_speed**2 * (_level(law, velocity) - law.coulomb)
+    return np.asarray(falling * bend + _level(law, velocity) * (1.0 - bend**2) / law.smoothing + law.viscous)
+
+
+def _level(law: GuideFriction, velocity: FloatArray) -> FloatArray:
+    """Size of the dry part [N]."""
+    return np.asarray(law.coulomb + (law.breakaway - law.coulomb) * np.exp(-((velocity / law.stribeck_speed) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)

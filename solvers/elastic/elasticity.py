@@ -13,7 +13,7 @@ from dolfinx.io import gmshio
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.errors import AccuracyError

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.io import gmshio
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.solvers.elastic.elasticity import CELL_TYPES
 from headstock.solvers.errors import ModelError

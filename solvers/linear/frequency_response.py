@@ -1,4 +1,7 @@
-"""Frequency response of any second-order system between named ports, from 0 Hz on."""
+"""Frequency response of any second-order system between named ports, from 0 Hz on.
+
+Frequencies at which a response is worth knowing: an even grid, finer around every resonance.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,7 +13,6 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.damper_sum import DamperSum, sum_over_dampers
-from headstock.solvers.linear.direct_response import DirectResponse
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
@@ -19,11 +21,9 @@ from headstock.solvers.linear.modal_coordinates import (
     rigid_response,
     to_modal_coordinates,
 )
-from headstock.solvers.linear.pole_sum import PoleSum, sum_over_poles
-from headstock.solvers.linear.response_forms import ModalSum, sum_over_modes
+from headstock.solvers.linear.response_forms import DirectResponse, ModalSum, PoleSum, sum_over_modes, sum_over_poles
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.second_order import ComplexArray, Motion, Port, SecondOrderSystem
-from headstock.solvers.system_ports import input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray, Motion, Port, SecondOrderSystem, input_columns, output_rows
 
 BoolArray = NDArray[np.bool_]
 DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -32,6 +32,11 @@ RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place amon
 AGREEMENT = 1e-8  # of the sum over poles with direct solves, where it is tried
 PEAK_MARGIN = 1.2  # beyond the range: peaks whose flank reaches into it
 PROBED_QUANTILES = (0.0, 0.1, 0.3, 0.7)  # of the poles: the gaps after them
+# distances from a resonance in half-power half-widths; doubled further out until they meet the even grid
+OFFSETS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
+GROWTH = 1.5
+UNDAMPED = 1e-9  # half-width over frequency below which a peak has no top
+NEAREST = 1e-6  # how near the grid comes to an undamped resonance
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,3 +206,45 @@ def _general_rest(direct: DirectResponse) -> FloatArray:
         return np.asarray(direct.rows @ solve_static(system, direct.loads).displacements)
     except ModelError:
         return np.full((len(direct.rows), direct.loads.shape[1]), np.nan)
+
+
+def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
+    """A grid with every pole's damped frequency in it and points from its half-power width outwards.
+
+    Args:
+        base_hz: ``(n,)`` rising [Hz]; its ends are the ends of the result.
+        poles: At positive frequencies [rad/s]; real ones have no peak and are left out.
+
+    Returns:
+        ``(m,)`` rising, the base grid among them. An undamped resonance itself is left out.
+    """
+    base = np.asarray(base_hz, dtype=float)
+    low, high = base[0], base[-1]
+    found = [base]
+    for pole in np.asarray(poles)[np.asarray(poles).imag > 0.0]:
+        center, width = pole.imag / (2.0 * np.pi), abs(pole.real) / (2.0 * np.pi)
+        step = _local_step(base, center)
+        if not low - step <= center <= high + step:
+            continue
+        bare = width < UNDAMPED * center
+        offsets = _offsets(NEAREST * center if bare else width, step)
+        offsets = offsets[offsets > 0.0] if bare else offsets
+        found.append(np.concatenate([center - offsets, center + offsets]))
+    grid = np.unique(np.concatenate(found))
+    return np.asarray(grid[(grid >= low) & (grid <= high)])
+
+
+def _local_step(base: FloatArray, center: float) -> float:
+    if len(base) < 2:
+        return 0.0
+    index = int(np.clip(np.searchsorted(base, center), 1, len(base) - 1))
+    return float(base[index] - base[index - 1])
+
+
+def _offsets(width: float, step: float) -> FloatArray:
+    """Distances from a resonance, out to the step of the even grid."""
+    largest = OFFSETS[-1] * width
+    count = max(0, int(np.ceil(np.log(max(step / largest, 1.0)) / np.log(GROWTH)))) if largest > 0.0 else 0
+    outer = largest * GROWTH ** np.arange(1, count + 1)
+    offsets = np.concatenate([width * np.array(OFFSETS), outer])
+    return np.asarray(offsets[offsets <= max(step, width)])

@@ -1,16 +1,23 @@
-"""Undamped natural frequencies and mode shapes of any second-order system."""
+"""Undamped natural frequencies and mode shapes of any second-order system.
+
+The lowest natural modes of a system of a few hundred dofs, no others: what a pose of a sweep needs.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dsyevr, dsygst
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.linear.symmetric_matrices_2 import require_symmetric
-from headstock.solvers.linear.symmetric_modes import ModalPairs, solve_symmetric_modes
+from headstock.solvers.linear.symmetric_matrices import is_symmetric, require_symmetric
+from headstock.solvers.linear.symmetric_modes import BEYOND, ModalPairs, loses_digits, solve_symmetric_modes, spreads_too_far
 from headstock.solvers.second_order import SecondOrderSystem
 
 RESIDUAL_LIMIT = 1e-7
+FEW = 0.5  # of all modes: from here on all of them cost no more
+WIDENING = 1.0 + 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,3 +112,50 @@ def _require_small(residuals: FloatArray, frequencies: FloatArray) -> None:
             f"mode {worst + 1} at {frequencies[worst]:.6g} Hz leaves a residual of {residuals[worst]:.2g}, "
             f"limit {RESIDUAL_LIMIT:g}; look for joint stiffnesses or masses that differ by more than 14 decades"
         )
+
+
+def solve_lowest_modes(system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
+    """Like ``solve_modal``, at two thirds of its cost where few modes are wanted; dofs without mass are not counted.
+
+    ``M x = mu K x`` is reduced by ``K = L L^T`` to one symmetric matrix, of which LAPACK finds the largest eigenvalues only. Where the
+    answer may not be good enough (free motions, a wide spread) ``solve_modal`` takes over.
+
+    Raises:
+        ModelError, ConvergenceError, AccuracyError: As ``solve_modal``.
+
+    Source: Dhillon and Parlett (2004), relatively robust representations (LAPACK ``dsyevr``).
+    """
+    pairs = None
+    if is_symmetric(system.stiffness) and is_symmetric(system.mass):
+        pairs = _largest_flexibilities(system.stiffness, system.mass, count, up_to_hz)
+    if pairs is None:
+        return solve_modal(system, count=count, up_to_hz=up_to_hz)
+    return finish_modes(system, pairs, up_to_hz)
+
+
+def _largest_flexibilities(stiffness: FloatArray, mass: FloatArray, count: int | None, up_to_hz: float | None) -> ModalPairs | None:
+    size = len(mass)
+    if size == 0 or (count is None and up_to_hz is None) or (count is not None and count > FEW * size):
+        return None
+    lower, info = dpotrf(stiffness, lower=1)
+    if info != 0:
+        return None
+    reduced, info = dsygst(mass, lower, itype=1, lower=1)
+    if info != 0:
+        return None
+    if up_to_hz is None:
+        found = dsyevr(reduced, range="I", il=size - (count or 0) + 1, iu=size, lower=1)
+    else:
+        least = BEYOND / (2.0 * np.pi * up_to_hz) ** 2
+        # no eigenvalue is negative, so none is larger than their sum
+        found = dsyevr(reduced, range="V", vl=least, vu=max(WIDENING * float(np.trace(reduced)), 2.0 * least), lower=1)
+    values, vectors, number, _, info = found
+    flexibilities, vectors = values[:number], vectors[:, :number]
+    if info != 0 or number == 0 or spreads_too_far(flexibilities[0], flexibilities[-1]):
+        return None
+    kept = number if count is None else min(number, count)
+    shapes = solve_triangular(lower, vectors[:, : -kept - 1 : -1], lower=True, trans="T", check_finite=False)
+    if loses_digits(stiffness, shapes[:, 0]):
+        return None
+    squares = 1.0 / flexibilities[: -kept - 1 : -1]
+    return ModalPairs(squares, shapes * np.sqrt(squares))

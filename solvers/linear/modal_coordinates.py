@@ -9,10 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.linear.symmetric_matrices import find_null_space
-from headstock.solvers.linear.symmetric_matrices_2 import is_symmetric
-from headstock.solvers.second_order import Port, SecondOrderSystem
-from headstock.solvers.system_ports import input_columns, output_rows
+from headstock.solvers.linear.symmetric_matrices import find_null_space, is_symmetric
+from headstock.solvers.second_order import Port, SecondOrderSystem, input_columns, output_rows
 
 DIAGONAL_LIMIT = 1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
 ROUNDOFF = 1e-13  # and those below this share of the largest entry

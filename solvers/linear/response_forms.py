@@ -1,16 +1,28 @@
-"""Frequency response as a sum over undamped modes that no damping couples, corrected statically."""
+"""Frequency response as a sum over undamped modes that no damping couples, corrected statically.
+
+Frequency response as a sum over the poles of a system whose damping couples its modes. Frequency response by one dense solve
+per frequency: slow, and right for any linear system. Poles of any linear second-order system: unsymmetric terms, dofs without
+mass and structural damping included.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.lapack import zgecon, zgetrf, zgetrs
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.errors import AccuracyError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, rigid_response
-from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.linear.symmetric_matrices import EPS
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 SINGULAR = 1e-11  # closer to an undamped pole than this share of it, the response is roundoff
 UNSEEN = 1e-12  # a mode's share in a port below this share of the largest one is roundoff
+CONDITION_LIMIT = 1e6  # of the eigenvectors: critically damped modes have hardly two of them
+INFINITE = 16.0 * EPS
+SINGULAR_FACTOR = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,3 +119,165 @@ def blank_singular(values: ComplexArray, singular: NDArray[np.bool_], seen: NDAr
 
 def _diagonal(matrix: FloatArray | None, size: int) -> FloatArray:
     return np.zeros(size) if matrix is None else np.array(matrix.diagonal())
+
+
+@dataclass(frozen=True, eq=False)
+class PoleSum:
+    """``sum_k r_k mu_k / (1 - sigma mu_k)`` and what modes lack; sigma is ``i omega``, or ``omega^2`` without viscous damping.
+
+    Attributes:
+        flexibilities: ``(p,)`` mu, inverse poles: the slow ones, which matter, then come out to machine precision.
+        residues: ``(p, n_outputs, n_inputs)``.
+        seen: The same shape: the pole takes part.
+        rest: Rigid-body motion and residual flexibility.
+        first_order: sigma is ``i omega``.
+    """
+
+    flexibilities: ComplexArray
+    residues: ComplexArray
+    seen: NDArray[np.bool_]
+    rest: RestTerms
+    first_order: bool
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an undamped pole that is seen."""
+        sigma = 1j * omega if self.first_order else omega**2 + 0j
+        product = sigma[:, None] * self.flexibilities
+        singular = np.abs(1.0 - product) <= SINGULAR
+        weights = np.where(singular, 0.0, self.flexibilities / np.where(singular, 1.0, 1.0 - product))
+        if self.first_order:
+            # above all poles, with sum r_k = 0 (a load does not jump the displacement), which the plain sum loses digits to find
+            above = np.abs(product).min(axis=1, initial=np.inf) > 1.0
+            weights[above] = 1.0 / (1j * omega[above, None] * (1.0 - product[above]))
+        found = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
+        return blank_singular(found, singular, self.seen)
+
+    def poles(self) -> ComplexArray:
+        """Poles at positive frequencies, and real ones [rad/s]."""
+        with np.errstate(divide="ignore"):
+            inverse = 1.0 / self.flexibilities
+        if self.first_order:
+            return np.asarray(inverse[inverse.imag >= 0.0])
+        return np.asarray(1j * np.sqrt(inverse))
+
+
+def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
+    """The sum over all poles of the elastic modes; no damper may act on rigid-body motions.
+
+    Raises:
+        AccuracyError: The poles lie so close together that they have hardly independent shapes (critical damping).
+
+    Source: Frazer, Duncan and Collar (1938); Geradin and Rixen (2015), section 3.3. The inverse state matrix is used, which
+        in modal coordinates needs no factorisation of the stiffness.
+    """
+    bent = slice(coordinates.rigid_count, None)
+    omega = coordinates.omega[bent]
+    rows, loads = coordinates.outputs[:, bent] + 0j, coordinates.inputs[bent] + 0j
+    softness = _softness(coordinates.hysteretic, bent, omega)
+    if coordinates.viscous is None:
+        values, vectors = _eigenpairs(softness / np.outer(omega, omega))
+        left, right = rows @ vectors, _solve(vectors, loads)
+        return PoleSum(values, _products(left, right), see_modes(left, right), rest_terms(coordinates), False)
+    loss = softness / omega @ (coordinates.viscous[bent, bent] / omega)
+    # state (W p, p') with W = diag(omega): A = [[0, W], [-W (softness)^-1, -C]]; its inverse needs no factorisation
+    inverse = np.block([[-loss, -softness / omega], [np.diag(1.0 / omega), np.zeros_like(loss)]])
+    values, vectors = _eigenpairs(inverse.real if coordinates.hysteretic is None else inverse)
+    left = rows / omega @ vectors[: len(omega)]
+    right = _solve(vectors, np.vstack([np.zeros_like(loads), loads]))
+    # 1 / (i omega - 1 / mu) = -mu / (1 - i omega mu)
+    return PoleSum(values, _products(left, -right), see_modes(left, right), rest_terms(coordinates), True)
+
+
+def _softness(hysteretic: FloatArray | None, bent: slice, omega: FloatArray) -> ComplexArray:
+    """Inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
+    unit = np.eye(len(omega)) + 0j
+    return unit if hysteretic is None else _solve(unit + 1j * hysteretic[bent, bent] / np.outer(omega, omega), unit)
+
+
+def _solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=np.complex128)
+
+
+def _products(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    return np.asarray(np.einsum("ok,ki->koi", left, right))
+
+
+def _eigenpairs(matrix: ComplexArray | FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    values, vectors = scipy.linalg.eig(matrix, check_finite=False)
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    condition = np.linalg.cond(vectors)
+    if not condition <= CONDITION_LIMIT:
+        raise AccuracyError(f"the complex modes are nearly dependent (condition {condition:.2g}): critical damping")
+    return np.asarray(values, dtype=np.complex128), np.asarray(vectors, dtype=np.complex128)
+
+
+def find_poles(system: SecondOrderSystem) -> ComplexArray:
+    """All finite poles ``(p,)`` [rad/s], rising in size; conjugate pairs stand twice.
+
+    Structural damping is taken as it acts at positive frequencies, so that with it only poles above the real axis mean anything.
+
+    Args:
+        system: Any; nothing is symmetrised.
+
+    Source: Tisseur and Meerbergen (2001), The quadratic eigenvalue problem, section 3.4 (first companion form) and section 5.1
+        (scaling of Fan, Lin and Van Dooren 2004); Moler and Stewart (1973), QZ.
+    """
+    size = len(system.mass)
+    stiffness = system.stiffness + (0.0 if system.hysteretic is None else 1j * system.hysteretic)
+    damping = np.zeros((size, size)) if system.damping is None else system.damping
+    stiff, heavy = float(np.abs(stiffness).max(initial=0.0)), float(np.abs(system.mass).max(initial=0.0))
+    # s = scale z makes stiffness and mass equally large
+    scale = np.sqrt(stiff / heavy) if stiff > 0.0 and heavy > 0.0 else 1.0
+    level = max(stiff, heavy * scale**2) or 1.0
+    zero, unit = np.zeros((size, size)), np.eye(size)
+    left = np.block([[zero, unit], [-stiffness / level, -damping * (scale / level)]])
+    right = np.block([[unit, zero], [zero, system.mass * (scale**2 / level)]])
+    numerator, denominator = scipy.linalg.eigvals(left, right, homogeneous_eigvals=True, check_finite=False)
+    finite = np.abs(denominator) > INFINITE * (np.abs(numerator) + np.abs(denominator))
+    poles = scale * numerator[finite] / denominator[finite]
+    return np.asarray(poles[np.argsort(np.abs(poles), kind="stable")])
+
+
+@dataclass(frozen=True, eq=False)
+class DirectResponse:
+    """``L (K + i H + i omega C - omega^2 M)^-1 B``.
+
+    Attributes:
+        system: Its matrices may be unsymmetric.
+        loads: ``(n, n_inputs)`` B.
+        rows: ``(n_outputs, n)`` L.
+    """
+
+    system: SecondOrderSystem
+    loads: FloatArray
+    rows: FloatArray
+
+    def evaluate(self, omega: FloatArray) -> ComplexArray:
+        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN where the matrix is singular."""
+        shape = (len(omega), len(self.rows), self.loads.shape[1])
+        return np.array([self.rows @ self._displacements(float(value)) for value in omega]).reshape(shape)
+
+    def poles(self) -> ComplexArray:
+        """Poles at positive frequencies, and real ones [rad/s]."""
+        found = find_poles(self.system)
+        return np.asarray(found[found.imag >= 0.0])
+
+    def _displacements(self, omega: float) -> ComplexArray:
+        """Displacements ``(n, n_inputs)``; rows and columns scaled by the size of their own terms, one step of refinement."""
+        system = self.system
+        matrix = system.stiffness - omega**2 * system.mass + 0j
+        if system.damping is not None:
+            matrix += 1j * omega * system.damping
+        if system.hysteretic is not None:
+            matrix += 1j * system.hysteretic
+        size = np.abs(system.stiffness.diagonal()) + omega**2 * np.abs(system.mass.diagonal())
+        scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
+        scaled = matrix * scale * scale[:, None]
+        factor, pivots, info = zgetrf(scaled)
+        reciprocal, _ = zgecon(factor, np.abs(scaled).sum(axis=0).max(initial=0.0)) if info == 0 else (0.0, 0)
+        if not reciprocal > SINGULAR_FACTOR * EPS:
+            return np.full(self.loads.shape, np.nan + 0j)
+        right = scale[:, None] * self.loads + 0j
+        found, _ = zgetrs(factor, pivots, right)
+        correction, _ = zgetrs(factor, pivots, right - scaled @ found)
+        return np.asarray(scale[:, None] * (found + correction))

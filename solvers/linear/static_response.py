@@ -10,8 +10,15 @@ from scipy.linalg.lapack import dpocon, dpotrf
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.sparse_systems import factorise_sparse, find_sparse
-from headstock.solvers.linear.symmetric_matrices import EPS, PIVOT_FACTOR, NullSpace, find_null_space
-from headstock.solvers.linear.symmetric_matrices_2 import absolute_product, is_symmetric, require_symmetric
+from headstock.solvers.linear.symmetric_matrices import (
+    EPS,
+    PIVOT_FACTOR,
+    NullSpace,
+    absolute_product,
+    find_null_space,
+    is_symmetric,
+    require_symmetric,
+)
 from headstock.solvers.second_order import SecondOrderSystem
 
 RESIDUAL_LIMIT = 1e-10

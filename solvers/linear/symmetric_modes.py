@@ -9,8 +9,7 @@ from scipy.linalg.lapack import dpotrf, dsyevr, dsygst, dsygvd
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.linear.sparse_systems import lowest_sparse_modes
-from headstock.solvers.linear.symmetric_matrices import EPS, NullSpace, find_null_space
-from headstock.solvers.linear.symmetric_matrices_2 import absolute_product
+from headstock.solvers.linear.symmetric_matrices import EPS, NullSpace, absolute_product, find_null_space
 
 SPREAD_LIMIT = 1e-7  # smallest over largest flexibility that one solve resolves to ~1e-9
 MASSLESS_LIMIT = 1e-12  # flexibility over the largest one below which a dof may be without mass

@@ -7,8 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.mechanisms.closures import Kinematics, close_loops, evaluate_kinematics
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanisms.dynamics import evaluate_dynamics
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.second_order import SecondOrderSystem
 

@@ -8,8 +8,13 @@ import numpy as np
 from headstock.geometry.errors import ClosureError, SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops, closure_residual, evaluate_kinematics
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanisms.dynamics import MechanismDynamics, evaluate_dynamics, gravity_energy, kinetic_energy
+from headstock.solvers.mechanisms.dynamics import (
+    CompliantMechanism,
+    MechanismDynamics,
+    evaluate_dynamics,
+    gravity_energy,
+    kinetic_energy,
+)
 from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState
 from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics
 

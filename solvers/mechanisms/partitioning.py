@@ -18,8 +18,7 @@ from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import Kinematics, close_kinematics
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanisms.dynamics import MechanismDynamics, evaluate_dynamics
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, MechanismDynamics, evaluate_dynamics
 
 SINGULAR = 1e-13  # smallest over largest singular value of the closures: as good as zero
 

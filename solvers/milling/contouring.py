@@ -12,7 +12,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.mechanisms.modes import linearise_poses, mark_motion, modal_damping, solve_pose_modes
 from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics

@@ -3,6 +3,8 @@
 ``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h = f_z cos(theta)`` plus runout
 (Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns clockwise seen from above; ``theta`` is counted counter-clockwise
 from the direction of travel, so it falls. The part lies on the right of the travel: climb milling.
+
+Cutting coefficients of work materials, with their source; linear chip and edge model of :mod:`headstock.solvers.milling.forces`.
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 
 CHUNK = 4096
+_TABLE = "table 5 of doi 10.1186/s10033-021-00536-9 (Chin. J. Mech. Eng. 2021); edge terms printed in N mm, taken as N/mm"
 
 
 @dataclass(frozen=True)
@@ -159,3 +162,11 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     )
     normal = np.stack([cosine, sine, np.zeros_like(theta)], axis=-1)
     return np.asarray(np.einsum("njs,njsa,njsb->nab", width, force, normal))
+
+
+# axial terms are zero where the table gives none
+CUTTING_MATERIALS: dict[str, CuttingCoefficients] = {
+    "al7075-t6": CuttingCoefficients((600.46e6, 180.96e6, 0.0), (17.9e3, 20.42e3, 0.0), _TABLE),
+    "al7075-t6-dry": CuttingCoefficients((767.01e6, 168.8e6, 222e6), (27.7e3, 26.6e3, 0.7e3), _TABLE),
+    "al6061-t6": CuttingCoefficients((243.77e6, 113.5e6, 0.0), (7.53e3, 7.83e3, 0.0), _TABLE),
+}

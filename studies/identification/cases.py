@@ -11,13 +11,21 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Pose, place_components
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.slopes import CoupledSlopes, ModeSlopes, slope_modes, slope_point_compliance
-from headstock.reduction.coupling.stacked_pieces import Selection, StackedPieces, difference_pieces, stack_pieces
-from headstock.reduction.motions.free_motions import solve_machine_static
+from headstock.reduction.coupling.slopes import (
+    CoupledSlopes,
+    ModeSlopes,
+    Selection,
+    StackedPieces,
+    difference_pieces,
+    slope_modes,
+    slope_point_compliance,
+    stack_pieces,
+)
+from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.eigen_sensitivities import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
-from headstock.studies.identification.parametric_scene_2 import ParametricScene
+from headstock.studies.identification.parametric_scene import ParametricScene
 from headstock.studies.identification.targets import Parameter, TargetCase
 
 RIGID_MOTIONS = 6

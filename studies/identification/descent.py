@@ -1,26 +1,42 @@
-"""Bounded least squares from several starts, with exact derivatives; each start tries other pairings of modes before it ends."""
+"""Bounded least squares from several starts, with exact derivatives; each start tries other pairings of modes before it ends.
+
+Other pairings of targets and modes that may lead a fit out of a wrong minimum, found on its linearised model.
+
+Where two modes change places, the k-th frequency has a kink: following it, a fit ends with one mode pressed against another. In
+a model that is linear in the coordinates every mode keeps its identity and lines may cross; searching that model from many places
+costs next to nothing. What looks better there is tried on the machine itself.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, linear_sum_assignment
 from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
-from headstock.studies.identification.identification_exchanges import propose_exchanges
-from headstock.studies.identification.identification_problem import (
+from headstock.studies.identification.problem import (
     FitPoint,
     FitProblem,
+    Pairing,
     data_jacobian,
     evaluate,
     exchange_modes,
+    mode_rows,
     prior_jacobian,
     prior_residuals,
+    shape_costs,
 )
 
+PLACES = 64
+REACH = 1.0  # how far the search goes, in coordinates: a factor e
+SWEEPS = 4
+TRIALS = 4
+PROMISING = 0.7  # of the sum of squares, by the linear model
+MET = 1e-3  # mean square of the residuals, in standard deviations, below which nothing better is looked for
+SEED = 5
 OUT_OF_REACH = 1e3  # residual of values with which the machine cannot be computed: the step is taken back
 TOLERANCE = 1e-7
 TRIAL_STEPS = 12  # evaluations after which an exchange must have paid
@@ -34,6 +50,104 @@ TEXTS = {
     3: "parameters settled",
     4: "sum of squares and parameters settled",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class _LinearCase:
+    """Frequencies of a case as straight lines over the coordinates.
+
+    Attributes:
+        logs: ``(m,)`` ln f.
+        slopes: ``(m, p)``.
+        wanted: ``(t,)`` ln f of the targets.
+        sigmas: ``(t,)``.
+        shape_costs: ``(t, m)``.
+        rows: Row of the residuals for each target; -1 where it is held out.
+    """
+
+    logs: FloatArray
+    slopes: FloatArray
+    wanted: FloatArray
+    sigmas: FloatArray
+    shape_costs: FloatArray
+    rows: tuple[int, ...]
+
+
+def propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairing, ...]]:
+    """Pairings that the linear model holds for better than that of a point, most promising first; none where the data are met."""
+    if point.residuals @ point.residuals <= MET * len(point.residuals):
+        return []
+    cases = _linearise(problem, point)
+    residuals = np.concatenate([point.residuals, prior_residuals(problem, point.coordinates)])
+    jacobian = np.vstack([data_jacobian(problem, point), prior_jacobian(problem)])
+    found: dict[tuple[Pairing, ...], float] = {}
+    for place in _places(problem, point):
+        move = place
+        for _ in range(SWEEPS):
+            pairings = tuple(_pair(case, move) for case in cases)
+            move, cost = _solve(problem, point, cases, pairings, (residuals, jacobian))
+        if pairings != point.pairings and cost < PROMISING * point.cost:
+            found[pairings] = min(cost, found.get(pairings, np.inf))
+    return sorted(found, key=lambda pairings: found[pairings])[:TRIALS]
+
+
+def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
+    scale, start, cases = problem.value_slopes(point.coordinates), 0, []
+    for state in point.states:
+        targets = state.model.case.modes
+        slopes = np.zeros((len(state.squares), len(scale)))
+        for index, slope in state.by_parameter.items():
+            slopes[:, index] = slope.squares / (2.0 * state.squares) * scale[index]
+        rows, size = mode_rows(state)
+        cases.append(
+            _LinearCase(
+                logs=np.log(state.frequencies_hz),
+                slopes=slopes,
+                wanted=np.log([target.frequency_hz for target in targets]),
+                sigmas=np.array([target.sigma for target in targets]),
+                shape_costs=shape_costs(state),
+                rows=tuple(-1 if row is None else start + row for row in rows),
+            )
+        )
+        start += size
+    return cases
+
+
+def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
+    """Moves ``(k, p)`` within reach and bounds to search from."""
+    low = np.maximum(problem.lower - point.coordinates, -REACH)
+    high = np.minimum(problem.upper - point.coordinates, REACH)
+    shares = qmc.Sobol(len(low), rng=np.random.default_rng(SEED)).random(PLACES)
+    return np.asarray(low + shares * (high - low))
+
+
+def _pair(case: _LinearCase, move: FloatArray) -> Pairing:
+    if not len(case.wanted):
+        return Pairing(())
+    gaps = (case.logs + case.slopes @ move)[None, :] - case.wanted[:, None]
+    cost = (gaps / case.sigmas[:, None]) ** 2 + case.shape_costs
+    return Pairing(tuple(int(column) for column in linear_sum_assignment(cost)[1]))
+
+
+def _solve(
+    problem: FitProblem,
+    point: FitPoint,
+    cases: list[_LinearCase],
+    pairings: tuple[Pairing, ...],
+    linear: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, float]:
+    """The best move under given pairings, held within reach, and half the sum of squares it leaves."""
+    residuals, jacobian = linear[0].copy(), linear[1].copy()
+    for case, pairing in zip(cases, pairings, strict=True):
+        for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):
+            if row >= 0:
+                residuals[row] = (case.logs[mode] - case.wanted[target]) / case.sigmas[target]
+                jacobian[row] = case.slopes[mode] / case.sigmas[target]
+    held = np.eye(jacobian.shape[1]) / REACH
+    move = np.linalg.lstsq(np.vstack([jacobian, held]), -np.concatenate([residuals, np.zeros(len(held))]), rcond=None)[0]
+    move = np.clip(move, problem.lower - point.coordinates, problem.upper - point.coordinates)
+    left = residuals + jacobian @ move
+    return np.asarray(move), 0.5 * float(left @ left)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import FittedParameter, Identification, TargetOutcome
-from headstock.studies.identification.identification_problem import FitProblem
+from headstock.studies.identification.problem import FitProblem
 
 OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"

@@ -1,4 +1,7 @@
-"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals."""
+"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals.
+
+Whether a scene can be built with every parameter at its start and at either of its bounds.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -13,21 +16,60 @@ from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.superelement import Superelement
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
-from headstock.studies.identification.bound_checks import check_bounds
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
-from headstock.studies.identification.identification_problem import FitPoint, FitProblem, data_jacobian
-from headstock.studies.identification.parametric_scene_2 import ParametricScene, make_parametric
-from headstock.studies.identification.problem import compare_shape, compliance_gap
+from headstock.studies.identification.parametric_scene import ParameterValueError, ParametricScene, make_parametric
+from headstock.studies.identification.problem import FitPoint, FitProblem, compare_shape, compliance_gap, data_jacobian
 from headstock.studies.identification.statistics import FitStatistics, assess
-from headstock.studies.identification.target_files_2 import LoadedTask
+from headstock.studies.identification.target_files import LoadedTask
 from headstock.studies.identification.targets import Parameter, TargetCase
 
 COMPONENT_STAGES = ("mesh", "reduce", "rigid", "segment", "load")
 UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
+
+
+def check_bounds(problem: FitProblem, findings: Findings) -> None:
+    """Refuse bounds at which a component cannot be built, the other parameters at their starts.
+
+    Args:
+        problem: Prepared.
+        findings: Of the target file.
+
+    Raises:
+        SceneError: At least one bound, or the starts, cannot be built.
+    """
+    scenes = list({id(model.parametric): model.parametric for model in problem.cases}.values())
+    starts = {parameter.name: parameter.start for parameter in problem.parameters}
+    if reason := _find_reason(scenes, starts):
+        findings.add(("parameters",), f"the scene cannot be built with every parameter at its start: {reason}")
+        findings.raise_if_any()
+    for parameter in problem.parameters:
+        for index, (what, bound) in enumerate((("lower", parameter.lower), ("upper", parameter.upper))):
+            touched = [scene for scene in scenes if _touches(scene, parameter)]
+            if reason := _find_reason(touched, {**starts, parameter.name: bound}):
+                shown = write_number(bound, parameter.unit, 6)
+                text = f"at its {what} bound {shown} the scene cannot be built: {reason}; narrow the bounds, or let what is in the way follow"
+                findings.add(("parameters", parameter.name, "bounds", index), text)
+    findings.raise_if_any()
+
+
+def _touches(scene: ParametricScene, parameter: Parameter) -> bool:
+    touched = scene.touched[parameter.name]
+    return bool(touched.components or touched.joints)
+
+
+def _find_reason(scenes: list[ParametricScene], values: dict[str, float]) -> str:
+    for scene in scenes:
+        try:
+            scene.build(values)
+        except ParameterValueError as error:
+            return str(error)
+    return ""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from headstock.scene.reading.keys import NUMBER, find_keys, read_number, split_k
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
-from headstock.studies.identification.parametric_scene_2 import holds_number
+from headstock.studies.identification.parametric_scene import holds_number
 from headstock.studies.identification.schema import ParameterTable, PowerRuleTable, SetRuleTable, ShiftRuleTable, TargetsTable
 from headstock.studies.identification.targets import KeyRule, Parameter
 

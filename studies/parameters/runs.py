@@ -1,6 +1,10 @@
-"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``."""
+"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``.
+
+Errors that say something of the machine at hand and nothing of what was asked: a disk that is full or failing, no compiler.
+"""
 
 import contextlib
+import errno
 import hashlib
 import os
 import tempfile
@@ -11,28 +15,45 @@ from pathlib import Path
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.resources import watch_memory
-from headstock.pipeline.planning.resources_2 import Cost, measure
+from headstock.pipeline.planning.resources import Cost, measure, watch_memory
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.storage.content_keys import (
+    PACKAGES,
+    REDUCTION_LIBRARIES,
+    canonical_json,
+    code_fingerprint,
+    file_digests,
+    library_versions,
+)
 from headstock.pipeline.storage.json_texts import Json
-from headstock.pipeline.storage.scene_content import PACKAGES, file_digests
+from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
-from headstock.solvers.rank_messages import share_from_root
-from headstock.studies.parameters.disk_faults import blames_surroundings
+from headstock.solvers.errors import CompileError
+from headstock.solvers.ranks import share_from_root
 from headstock.studies.parameters.records import StudyRecord, append_record, read_records
 
+LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # of no influence on a point's results
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 ElementKind = tuple[str, str, int]  # fidelity, cells, order
 Measure = Callable[[Scene, Results], Json]
+
+
+def blames_surroundings(error: BaseException) -> bool:
+    """Whether the same computation may well succeed once there is room on the disk, so that the error must not be kept as its result."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OutputError | CompileError) or (isinstance(cause, OSError) and cause.errno in LOST_DISK):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 class StudyError(HeadstockError):

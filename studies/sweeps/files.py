@@ -11,7 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.files import mark_units
 from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import write_output
-from headstock.studies.sweeps.pose_results import FIGURES
+from headstock.studies.sweeps.journals import FIGURES
 from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
 
 SWEEP_FILE = "sweep.h5"

@@ -10,8 +10,7 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.exechon import survey_tool_poses
-from headstock.geometry.mechanisms.exechon_2 import LEGS
+from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.frf import respond
@@ -20,10 +19,10 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion, pose_system, solve_pose_modes
+from headstock.studies.sweeps.journals import PoseResult
 from headstock.studies.sweeps.machine_poses import POSE_ERRORS, count_wanted, list_figures
-from headstock.studies.sweeps.pose_results import PoseResult
 
 POSES_AT_ONCE = 64
 

@@ -12,18 +12,18 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.frf import PortFigures
-from headstock.pipeline.results.mechanism_poses import describe_state
+from headstock.pipeline.results.results import describe_state
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.coupling_memo import CouplingMemo
 from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import DIRECTIONS, point_budget
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import ModalRequest
-from headstock.solvers.linear.lowest_modes import solve_lowest_modes
-from headstock.studies.sweeps.pose_results import FIGURES, PoseResult
+from headstock.solvers.linear.modal_analysis import solve_lowest_modes
+from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
 # modes beyond those asked for, so that one that leaves the range in a neighbouring pose can be followed
 EXTRA_SHARE, EXTRA_LEAST, EXTRA_REACH = 0.25, 3, 1.15

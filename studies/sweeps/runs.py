@@ -12,22 +12,27 @@ from mpi4py import MPI
 
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.planning.planner import is_lumped, plan_scene
-from headstock.pipeline.planning.resources_2 import measure
+from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.runner import HANDLERS, Observer
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.storage.content_keys import REDUCTION_LIBRARIES, canonical_json, code_fingerprint, library_versions
+from headstock.pipeline.storage.content_keys import (
+    PACKAGES,
+    REDUCTION_LIBRARIES,
+    canonical_json,
+    code_fingerprint,
+    file_digests,
+    library_versions,
+)
 from headstock.pipeline.storage.outputs import OutputError
-from headstock.pipeline.storage.scene_content import PACKAGES, file_digests
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
-from headstock.scene.sweep_poses import Sweep, sweep_pose
-from headstock.solvers.rank_messages import share_from_root
-from headstock.studies.sweeps.journals import PoseJournal, read_journals
+from headstock.scene.studies import Sweep, sweep_pose
+from headstock.solvers.ranks import share_from_root
+from headstock.studies.sweeps.journals import PoseJournal, PoseResult, read_journals
 from headstock.studies.sweeps.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
 from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_pose
-from headstock.studies.sweeps.pose_results import PoseResult
 
 # of no influence on what is found in a pose
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")

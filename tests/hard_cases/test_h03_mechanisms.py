@@ -6,8 +6,8 @@ import pytest
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.motions.body_motions import find_free_motions
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget, point_compliance
-from headstock.reduction.motions.free_motions import find_free_motions
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal

@@ -7,8 +7,8 @@ import pytest
 
 from headstock.geometry.machine.machine import Pose
 from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.motions.body_motions import find_free_motions
 from headstock.reduction.motions.compliance_budget import point_compliance
-from headstock.reduction.motions.free_motions import find_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body

@@ -9,8 +9,7 @@ from mpi4py import MPI
 from headstock.geometry.parts.components import Load, Patch, Support
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.validation.parts.element_integrals import integrate_over_cells
-from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
+from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, straight_lattice
 
 COMM = MPI.COMM_SELF
 INNER, OUTER, HEIGHT = 0.1, 0.2, 0.02

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.errors import MeshError
 from headstock.validation.parts.component_models import full_displacement, full_model
-from headstock.validation.parts.element_integrals import integrate_over_cells
-from headstock.validation.parts.structured_meshes import lattice_mesh, refine_lattice, write_lattice
+from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, refine_lattice, write_lattice
 
 COMM = MPI.COMM_SELF
 LENGTH, DEPTH, WIDTH = 6.0, 0.2, 0.1

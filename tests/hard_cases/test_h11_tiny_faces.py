@@ -8,8 +8,7 @@ import gmsh
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.checks import patch_moments
 from headstock.meshing.components.meshing import estimate_cells, mesh_component

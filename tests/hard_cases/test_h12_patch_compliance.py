@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic

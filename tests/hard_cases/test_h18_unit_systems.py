@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Load, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Load, Material, Patch
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget

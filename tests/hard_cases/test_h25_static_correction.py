@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.reduction.coupling.coupling import couple
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
 from headstock.solvers.linear.response_forms import sum_over_modes
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.system_ports import input_columns, output_rows
+from headstock.solvers.second_order import input_columns, output_rows
 from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam

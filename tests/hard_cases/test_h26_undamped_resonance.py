@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from headstock.solvers.linear.frequency_grid import refine_grid
-from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, solve_frf
+from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, refine_grid, solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.second_order import SecondOrderSystem

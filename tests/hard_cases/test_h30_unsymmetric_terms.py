@@ -8,9 +8,9 @@ import pytest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
-from headstock.solvers.linear.general_poles import find_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.symmetric_matrices_2 import SYMMETRY_TOLERANCE, is_symmetric
+from headstock.solvers.linear.response_forms import find_poles
+from headstock.solvers.linear.symmetric_matrices import SYMMETRY_TOLERANCE, is_symmetric
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORTS = [("disk", "rx"), ("disk", "ry")]

@@ -16,7 +16,7 @@ from headstock.solvers.control.stability import (
     scale_velocity_gain,
 )
 from headstock.solvers.errors import UnstableControlError
-from headstock.validation.machines.two_mass_drive import TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import TwoMasses, make_drive
 
 MASSES = TwoMasses(damping=50.0)
 SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.state_space import to_state_space

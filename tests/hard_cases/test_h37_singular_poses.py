@@ -15,12 +15,12 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import find_mobility
 from headstock.geometry.mechanisms.platforms import planar_3rpr_state
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
 from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
-from headstock.validation.mechanisms.singular_cases import (
+from headstock.validation.mechanisms.motion_cases import (
     BASE,
     INERTIA,
     INNER,

@@ -10,10 +10,9 @@ import pytest
 
 from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.mechanisms.closures import closure_residual, find_mobility
-from headstock.geometry.mechanisms.exechon import platform_states
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions, exechon_mechanism
+from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism, platform_states
 from headstock.geometry.mechanisms.mechanism import Alignment, ChainItem, Mark, Mechanism, Meeting, shift, turn
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.motion import ConstrainedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
 

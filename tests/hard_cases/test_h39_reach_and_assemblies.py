@@ -8,8 +8,14 @@ import pytest
 from headstock.geometry.errors import ClosureError, JointLimitError, SingularPoseError, UnreachablePoseError
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.mechanisms.closures import close_loops
-from headstock.geometry.mechanisms.exechon import ASSEMBLIES, MountedExechon, platform_states, solve_tool_pose, survey_tool_poses
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions
+from headstock.geometry.mechanisms.exechon import (
+    ASSEMBLIES,
+    ExechonDimensions,
+    MountedExechon,
+    platform_states,
+    solve_tool_pose,
+    survey_tool_poses,
+)
 from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_assemblies, planar_3rpr_state
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_path import PathPoints

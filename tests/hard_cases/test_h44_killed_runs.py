@@ -10,9 +10,8 @@ import pytest
 
 from headstock.pipeline.storage.outputs import LIST_FILE
 from headstock.validation.campaigns import kill as kill_campaign
-from headstock.validation.campaigns.campaign_outcome import CampaignError
 from headstock.validation.campaigns.kill import check_remains, run_kill_campaign
-from headstock.validation.campaigns.runs import Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
+from headstock.validation.campaigns.runs import CampaignError, Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
 
 KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}
 CUTS = 12

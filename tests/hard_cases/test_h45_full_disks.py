@@ -12,11 +12,9 @@ from mpi4py import MPI
 from headstock.app.actions.studying import StudyRequest, study_request
 from headstock.app.actions.sweeping import SweepRequest, sweep_request
 from headstock.app.terminal.guard import run_guarded
-from headstock.validation.campaigns.campaign_outcome import CampaignError
-from headstock.validation.campaigns.disk import OLD, ResumeTrials
-from headstock.validation.campaigns.disk_campaign import run_disk_campaign
+from headstock.validation.campaigns.disk import OLD, ResumeTrials, run_disk_campaign
 from headstock.validation.campaigns.resume import SCENE
-from headstock.validation.campaigns.runs import VARIANTS, finish_run, make_places, read_numbers
+from headstock.validation.campaigns.runs import VARIANTS, CampaignError, finish_run, make_places, read_numbers
 
 LIGHT_SCENE = (
     SCENE.replace('"200 mm", 500]', '"200 mm", 8]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[3, 4, 5]")

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.validation.campaigns.file_fuzz import run_file_fuzz
-from headstock.validation.campaigns.sample_files import box_mesh, box_superelement, inp_text, msh_text
+from headstock.validation.campaigns.file_fuzz import box_mesh, box_superelement, inp_text, msh_text, run_file_fuzz
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 

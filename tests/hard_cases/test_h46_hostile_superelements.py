@@ -14,8 +14,7 @@ from headstock.geometry.frames import Frame
 from headstock.pipeline.results.files import OutputError, read_view
 from headstock.pipeline.storage.records import RecordError, require_plain
 from headstock.pipeline.storage.superelements import parse_superelement, read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
-from headstock.reduction.truncation import Truncation
+from headstock.reduction.superelement import Attachment, StaticLoad, Superelement, Truncation
 
 SECRET = b"TOPSECRET-PASSWORD-1234567890-abcdefghijklmnopqrstuvwxyz-ABCDEFGHIJ\n"
 FREQUENCIES = np.array([100.0, 200.0])

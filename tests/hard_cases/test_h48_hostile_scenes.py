@@ -48,7 +48,7 @@ HOSTILE: dict[str, Callable[[], str]] = {
 TRY = """
 import json, os, sys, time
 from pathlib import Path
-from headstock.pipeline.planning.resources_2 import peak_memory_mb
+from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.validation.campaigns.scene_fuzz import try_scene
 for name in sys.argv[1:]:
     if os.fork():

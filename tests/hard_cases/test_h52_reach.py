@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene

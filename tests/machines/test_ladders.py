@@ -10,9 +10,8 @@ from mpi4py import MPI
 from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import Study
 from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
-from headstock.validation.ladder.kono_claims import judge_ladder, judge_own
-from headstock.validation.ladder.ladder_deviations import deviations, pick_rungs, worst_of
-from headstock.validation.ladder.points import LadderError, collect_points, measure_beam
+from headstock.validation.ladder.claims import judge_ladder, judge_own
+from headstock.validation.ladder.points import LadderError, collect_points, deviations, measure_beam, pick_rungs, worst_of
 from headstock.validation.ladder.references import LadderBeam, ladder_beam
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, MeshSettings, Patch, ReductionSettings, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Material, MeshSettings, Patch, ReductionSettings, Support
 from headstock.geometry.parts.solids import HollowColumn, Solid, StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.meshing import describe_component, mesh_component

@@ -2,8 +2,7 @@ from collections.abc import Callable
 
 import pytest
 
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import Solid
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

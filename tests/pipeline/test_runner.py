@@ -15,8 +15,16 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings, SegmentSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Load,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+    SegmentSettings,
+)
 from headstock.geometry.parts.solids import Box, SuperelementFile
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results

@@ -8,12 +8,12 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.parts.components import Interface, Patch, RailSettings
+from headstock.pipeline.exports import export_superelement
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.pipeline.superelement_export import export_superelement
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.rails import carriage_rows
 from headstock.scene.building.loader import load_scene

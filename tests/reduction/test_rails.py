@@ -12,9 +12,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Patch, RailSettings, SegmentSettings
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, RailSettings, SegmentSettings
 from headstock.geometry.parts.mass_properties import closed_form_properties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.solids import Box, Tube
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.interface_patches import measure_patch

@@ -8,8 +8,7 @@ import pytest
 from headstock.app.actions.effecting import show_share, tell_trial
 from headstock.app.command_line import main
 from headstock.pipeline.storage.store import Store
-from headstock.studies.effect_answers import Change, compare_answers, list_answers
-from headstock.studies.effects import EffectTrial, ScenePlan, rank_trials, try_effects
+from headstock.studies.effects import Change, EffectTrial, ScenePlan, compare_answers, list_answers, rank_trials, try_effects
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 EMPTY = {"modal": [], "static": {}}

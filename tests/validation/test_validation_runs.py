@@ -4,10 +4,9 @@ import pytest
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
-from headstock.validation import validation_runs
-from headstock.validation.case_registry import CASES, Case, group_names
+from headstock.validation import case_registry
+from headstock.validation.case_registry import CASES, Case, UnknownCaseError, group_names, run_validation, select_cases
 from headstock.validation.references.rows import ValidationRow, judge_bound
-from headstock.validation.validation_runs import UnknownCaseError, run_validation, select_cases
 
 
 def test_case_names_are_unique_and_differ_from_group_names() -> None:
@@ -44,7 +43,7 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(monkeypatch: 
     def works(comm: MPI.Comm) -> list[ValidationRow]:
         return [judge_bound("works", "q", 0.0, 1.0)]
 
-    monkeypatch.setattr(validation_runs, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works)))
+    monkeypatch.setattr(case_registry, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works)))
     seen: list[str] = []
     rows = run_validation([], comm=MPI.COMM_SELF, on_case=lambda case, found: seen.append(case.name))
     assert [(row.case, row.passed) for row in rows] == [("breaks", False), ("works", True)]

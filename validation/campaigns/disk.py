@@ -1,19 +1,40 @@
-"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished is lost, the end is that of an undisturbed one."""
+"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished is lost, the end is that of an undisturbed one.
 
+One run after the other on a disk that fills up: a named error or a right result, and the old result as it was. Runs, sweeps and
+studies on a disk that fills up: a named error or a right result, nothing torn, nothing lost.
+"""
+
+import json
 import os
+import random
 import shutil
-from collections.abc import Callable, Mapping
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.campaigns.campaign_outcome import CampaignError
-from headstock.validation.campaigns.disk_run_trials import MOST_ROOM, SHARED, TEMPORARY, require_named
-from headstock.validation.campaigns.file_checks import check_file
-from headstock.validation.campaigns.limited_rooms import limited_room
+from headstock.validation.campaigns.file_checks import check_file, check_files
 from headstock.validation.campaigns.resume import SCENE as LONG_SCENE
 from headstock.validation.campaigns.resume import find_difference, read_content, start_resumable
-from headstock.validation.campaigns.runs import wait_for_end
+from headstock.validation.campaigns.runs import (
+    VARIANTS,
+    CampaignError,
+    CampaignOutcome,
+    Numbers,
+    Places,
+    finish_run,
+    make_places,
+    read_numbers,
+    wait_for_end,
+)
+from headstock.validation.campaigns.small_disks import enter_own_view, limited_room
 
+NAMED = ("No space left", "File too large", "MB free", "disk is full")
+MOST_ROOM = 1.2  # of what an undisturbed one writes
+# what lies on the small disk besides the results, in turn
+TEMPORARY = "tmp"
+SHARED = ((), ("store",), ("store", TEMPORARY))
 RESUMED = ("sweep", "study", "sweep on 2 ranks")
 OLD = "old"
 # an elastic part, so that the store has something to keep; fewer poses; and another material for the result that was there before
@@ -29,10 +50,76 @@ GROWING = (".journal", ".jsonl")
 TIMED = ("points.jsonl", "study.csv", "study.json")
 EXTRA_ROOM = 0.5  # of what is needed, from one start of a trial to the next
 MOST_STARTS = 4
-
 Bytes = dict[str, bytes]
 # folder of scene and store, folder of results, kind, variant, environment; exit code and what was said on standard error
 Start = Callable[[Path, Path, str, str | None, Mapping[str, str]], tuple[int, str]]
+MODULE = "headstock.validation.campaigns.disk"
+# what fills its disk, in turn; the last on two ranks
+KINDS = ("run", *RESUMED)
+
+
+def require_named(code: int, said: str) -> None:
+    """Check that what did not end well ended with 1 and with words about the disk.
+
+    Raises:
+        CampaignError: It did not.
+    """
+    if code != 1 or "Traceback" in said or "internal error" in said or not any(words in said for words in NAMED):
+        raise CampaignError(f"it ended with {code} and said: {said.strip()[-500:]}")
+
+
+class RunTrials:
+    """Runs of one variant over the finished result of another."""
+
+    def __init__(self, root: Path, *, limited_files: bool) -> None:
+        """Run both variants undisturbed.
+
+        Raises:
+            CampaignError: One of them does not work.
+        """
+        places = make_places(root)
+        self._limited_files, self._old = limited_files, places.results
+        self._expected: dict[str, Numbers] = {}
+        for variant in reversed(VARIANTS):
+            code, said = finish_run(places, variant)
+            if code:
+                raise CampaignError(f"an undisturbed run of {variant} ended with {code}: {said}")
+            self._expected[variant] = read_numbers(places.results)
+        folders = (places.results, places.store)
+        self._needed = sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file())
+
+    def attempt(self, folder: Path, share: float, turn: int) -> str:
+        """Run with a share of the room needed, in a folder of its own; how it ended, in words.
+
+        Raises:
+            CampaignError: An end without a named error, a changed old result, a temporary left behind, other numbers.
+        """
+        shared = SHARED[turn % len(SHARED)]
+        # where temporary files are on the small disk, forms are compiled too: the compiler writes there
+        places = make_places(folder, cache=folder / "cache" if TEMPORARY in shared else None)
+        with limited_room(folder, ("results", *shared), limited_files=self._limited_files) as set_room:
+            shutil.copytree(self._old, places.results, dirs_exist_ok=True)
+            set_room(int(MOST_ROOM * share * self._needed))
+            return self._judge(places)
+
+    def _judge(self, places: Places) -> str:
+        before = {path.relative_to(self._old): path.read_bytes() for path in self._old.rglob("*") if path.is_file()}
+        wanted = self._expected[VARIANTS[1]]
+        code, said = finish_run(places, VARIANTS[1])
+        if check_files(places.results):
+            raise CampaignError(f"temporaries stayed behind: {check_files(places.results)}")
+        found = read_numbers(places.results)
+        if code == 0:
+            if not found.equal(wanted):
+                raise CampaignError("the run ended with 0 and other numbers")
+            return "enough room: the right result"
+        require_named(code, said)
+        if found.equal(wanted):
+            return "exit 1 for want of room for the report; the new result whole"
+        for name in ("results.h5", "summary.json"):
+            if (places.results / name).read_bytes() != before[Path(name)]:
+                raise CampaignError(f"the run ended with 1 and changed {name}")
+        return "exit 1: the old result as it was"
 
 
 class ResumeTrials:
@@ -147,3 +234,68 @@ def _run_process(root: Path, folder: Path, kind: str, variant: str | None, place
     process = start_resumable(root, folder, kind, variant=variant, environment={**os.environ, **places})
     said = wait_for_end(process)
     return process.returncode, said
+
+
+def run_disk_campaign(
+    runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None], kinds: Sequence[str] = KINDS
+) -> CampaignOutcome:
+    """Work into a file system (tmpfs) with too little or just enough room left; where none can be made, with a file size limit.
+
+    Args:
+        runs: How many.
+        seed: Of the random sizes, which go from no room to enough.
+        root: Empty folder to work in.
+        on_trial: Told at the end.
+        kinds: Which of ``KINDS`` are tried in turn.
+
+    Raises:
+        CampaignError: Not even undisturbed ones work.
+    """
+    # in a process of its own, because one that has threads cannot change its view of the file system
+    command = [sys.executable, "-P", "-m", MODULE, str(root), str(runs), str(seed), *kinds]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise CampaignError(f"the campaign ended with {done.returncode}: {done.stderr.strip()[-2000:]}")
+    found = json.loads(done.stdout)
+    outcome = CampaignOutcome("disk", found["trials"], faults=found["faults"], notes=found["notes"])
+    outcome.happened.update(found["happened"])
+    on_trial(outcome)
+    return outcome
+
+
+def _campaign(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> CampaignOutcome:
+    outcome, chance = CampaignOutcome("disk"), random.Random(seed)
+    try:
+        enter_own_view()
+    except CampaignError as error:
+        outcome.notes.append(f"{error}; a limit on the size of each file took its place")
+    limited = bool(outcome.notes)
+    kinds = [kind for kind in kinds if shutil.which("mpirun") or "ranks" not in kind]
+    trials = {
+        kind: RunTrials(root / "sound", limited_files=limited)
+        if kind == "run"
+        else ResumeTrials(root / kind.replace(" ", "-"), kind, limited_files=limited)
+        for kind in kinds
+    }
+    for trial in range(runs):
+        kind, turn = kinds[trial % len(kinds)], trial // len(kinds)
+        # of each kind the room grows from trial to trial
+        share = (turn + chance.random()) / -(-runs // len(kinds))
+        try:
+            outcome.note_trial(f"{kind}: {trials[kind].attempt(root / f'trial-{trial}', share, turn)}")
+        except CampaignError as error:
+            outcome.note_trial(f"{kind}: fault")
+            outcome.faults.append(f"trial {trial + 1} ({kind}, {share:.3f} of all room): {error}")
+    return outcome
+
+
+def main(arguments: list[str]) -> int:
+    """Run the campaign in this process and print its outcome as JSON."""
+    outcome = _campaign(Path(arguments[0]), int(arguments[1]), int(arguments[2]), arguments[3:])
+    fields = {"trials": outcome.trials, "happened": outcome.happened, "faults": outcome.faults, "notes": outcome.notes}
+    sys.stdout.write(json.dumps(fields))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

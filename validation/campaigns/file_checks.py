@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import h5py
 
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.campaigns.campaign_outcome import CampaignError
+from headstock.validation.campaigns.runs import CampaignError
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PAGE_START, PAGE_END = b"<!doctype html>", b"</script>\n</body>\n</html>"

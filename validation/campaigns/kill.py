@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.campaigns.file_checks import check_files
 from headstock.validation.campaigns.runs import (
     VARIANTS,
+    CampaignError,
+    CampaignOutcome,
     Numbers,
     Places,
     finish_run,

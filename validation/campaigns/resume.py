@@ -16,8 +16,7 @@ import h5py
 import numpy as np
 
 from headstock.studies.sweeps.journals import count_poses
-from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
-from headstock.validation.campaigns.runs import wait_for_end
+from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome, wait_for_end
 
 SCENE = """
 name = "Resumed"

@@ -12,12 +12,12 @@ from pathlib import Path
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources_2 import peak_memory_mb
+from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
 from headstock.validation.campaigns.mutations import mutate_text
+from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome
 
 MACHINES = PROJECT / "machines"
 SECONDS_ALLOWED = 1.0

@@ -15,7 +15,7 @@ from pathlib import Path
 import h5py
 
 from headstock.pipeline.storage.provenance import PROJECT
-from headstock.validation.campaigns.campaign_outcome import CampaignError, CampaignOutcome
+from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome
 from headstock.validation.campaigns.slurm_daemons import require_daemons, run_slurm
 
 SCENE, SWEEP = PROJECT / "machines" / "three_axis.toml", "workspace"

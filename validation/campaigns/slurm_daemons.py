@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from headstock.validation.campaigns.campaign_outcome import CampaignError
+from headstock.validation.campaigns.runs import CampaignError
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 START_SECONDS, STOP_SECONDS, POLL_SECONDS = 60.0, 15.0, 0.1

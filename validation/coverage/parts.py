@@ -12,8 +12,7 @@ import numpy as np
 
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, StepFile, Tube
 
 MATERIALS = (

@@ -3,22 +3,19 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.parts.closed_form_cases import CANTILEVER, FIXED_BEAM, STEEL
 from headstock.validation.references.bending import (
     cantilever_force_deflection,
     cantilever_moment_deflection,
+    cantilever_shear_deflection,
     euler_bernoulli_frequencies,
     fixed_beam_deflection,
-)
-from headstock.validation.references.prismatic_beams import EndConditions, turn_section
-from headstock.validation.references.rods import axial_extension
-from headstock.validation.references.saint_venant import cantilever_twist, fixed_beam_twist, torsional_frequencies
-from headstock.validation.references.timoshenko import (
-    cantilever_shear_deflection,
     fixed_beam_shear_deflection,
     timoshenko_frequencies,
 )
+from headstock.validation.references.prismatic_beams import EndConditions, turn_section
+from headstock.validation.references.torsion import axial_extension, cantilever_twist, fixed_beam_twist, torsional_frequencies
 from headstock.validation.references.values import reference_case
 
 FORCE, MOMENT, OFFSET = 1e3, 1.0, 0.1  # N, N m, m

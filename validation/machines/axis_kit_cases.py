@@ -9,8 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.mode_pairing import ModePair, ModeSet, pair_modes
-from headstock.validation.machines.axis_kit_models import KitFidelity, KitModel, KitWorkshop
-from headstock.validation.machines.axis_kit_paper import (
+from headstock.validation.machines.axis_kit_models import (
     LISTED_TO_HZ,
     MEASURED_COMPLIANCE,
     MEASURED_MODES,
@@ -18,6 +17,9 @@ from headstock.validation.machines.axis_kit_paper import (
     TABLE_3,
     TABLE_3_FEM,
     VARIANTS,
+    KitFidelity,
+    KitModel,
+    KitWorkshop,
     MeasuredMode,
 )
 from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_bound, show

@@ -17,8 +17,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.validation.machines.guideway_models import fix_carriages, solve_monolithic, view_carriages
-from headstock.validation.machines.monolithic_machines import monolithic_machine
+from headstock.validation.machines.monolithic_machines import fix_carriages, monolithic_machine, solve_monolithic, view_carriages
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
 SCENE = PROJECT / "machines" / "guideway.toml"

@@ -7,9 +7,8 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point
-from headstock.geometry.parts.components import Component, Interface, Patch
+from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Attachment, Superelement

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions
-from headstock.solvers.mechanisms.compliant_mechanism import MechanismBody
+from headstock.geometry.mechanisms.exechon import ExechonDimensions
+from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.absolute_bodies import AbsoluteSystem, Arrow, Local, Product, Reach, Spring, fixed_local
 

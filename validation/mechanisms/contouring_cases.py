@@ -6,11 +6,10 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from headstock.pipeline.stages.contouring import ContourRun, face_instants, high_share, run_contour
-from headstock.pipeline.stages.contouring_summary import leg_forces
+from headstock.pipeline.stages.contouring import ContourRun, face_instants, high_share, leg_forces, run_contour
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.milling.cutting_materials import CUTTING_MATERIALS
+from headstock.solvers.milling.forces import CUTTING_MATERIALS
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 

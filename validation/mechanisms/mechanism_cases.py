@@ -10,11 +10,9 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_bias, closure_residual, evaluate_kinematics
-from headstock.geometry.mechanisms.exechon import ASSEMBLIES, platform_states, survey_tool_poses
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions
+from headstock.geometry.mechanisms.exechon import ASSEMBLIES, ExechonDimensions, platform_states, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import cross, mark_bias, place_marks
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
-from headstock.solvers.mechanisms.dynamics import evaluate_dynamics
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive, PartitionedDynamics, compose_state, driven_forces, partition_dynamics

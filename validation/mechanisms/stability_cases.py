@@ -7,7 +7,7 @@ import scipy.special
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.stages.contouring_stability import cut_multiplier, face_dynamics, face_stability
+from headstock.pipeline.stages.contouring import cut_multiplier, face_dynamics, face_stability
 from headstock.solvers.milling.contouring import LinearMotion, Regeneration, march_linear
 from headstock.solvers.milling.stability import (
     TipDynamics,

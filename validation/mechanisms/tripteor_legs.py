@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
-from headstock.geometry.mechanisms.exechon_2 import LENGTHS
+from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import place_marks
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.components import Component

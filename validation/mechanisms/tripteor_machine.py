@@ -15,7 +15,7 @@ from headstock.pipeline.storage.provenance import PROJECT
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.motion import DriveLaw
 from headstock.solvers.mechanisms.partitioning import Drive
 

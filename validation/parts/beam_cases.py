@@ -1,4 +1,7 @@
-"""The seed's two beams by second-order elements, held to converged 3D values, with beam theories beside."""
+"""The seed's two beams by second-order elements, held to converged 3D values, with beam theories beside.
+
+What kind of motion a mode of a straight beam is: bending along one of two axes, torsion or extension.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -6,37 +9,73 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component, MeshSettings, Support
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.beam_components import clamp, column, face_interface, fixed_beam, mesh_settings
 from headstock.validation.parts.closed_form_cases import CANTILEVER, FIXED_BEAM
-from headstock.validation.parts.component_models import full_model, full_modes, held_by
-from headstock.validation.parts.mode_kinds import beam_mode_kinds
-from headstock.validation.parts.reduced_models import interface_compliance, shared_mesh
-from headstock.validation.references.bending import euler_bernoulli_frequencies, fixed_beam_deflection
+from headstock.validation.parts.component_models import full_model, full_modes, held_by, interface_compliance, shared_mesh
+from headstock.validation.references.bending import (
+    cantilever_shear_deflection,
+    euler_bernoulli_frequencies,
+    fixed_beam_deflection,
+    timoshenko_frequencies,
+)
 from headstock.validation.references.prismatic_beams import turn_section
 from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_all, judge_bound, show
-from headstock.validation.references.saint_venant import cantilever_twist, fixed_beam_twist, torsional_frequencies
-from headstock.validation.references.timoshenko import cantilever_shear_deflection, timoshenko_frequencies
-from headstock.validation.references.torsion import clamped_clamped_torsion, clamped_free_torsion
+from headstock.validation.references.torsion import (
+    cantilever_twist,
+    clamped_clamped_torsion,
+    clamped_free_torsion,
+    fixed_beam_twist,
+    torsional_frequencies,
+)
 from headstock.validation.references.values import ReferenceCase, reference_case
 
+_SLICES = 12
 COUNT = 6
 COLUMN_SIZES: dict[CellKind, tuple[float, float, float]] = {"tet10": (0.05, 0.025, 0.0125), "hex27": (0.05, 0.025, 0.0125)}
 FIXED_SIZES: dict[CellKind, tuple[float, float, float]] = {"tet10": (0.05, 0.025, 0.0125), "hex27": (0.08, 0.04, 0.02)}
 COLUMN_ORDER = ["x", "y", "x", "torsion", "y", "x"]
 FIXED_ORDER = ["x", "torsion", "x", "torsion", "z", "x"]
 INDENTATION_TOLERANCE = 1e-2
-
 SLENDER = "theory is off: no shear, no rotary inertia"
 WARPING = "theory is off: the clamped ends restrain warping, Saint-Venant lets it go"
 WIDE = "theory is off: a section this wide bends like a plate, and the clamp stops its sideways contraction"
 BOTH = "theory is off both ways: plate-like bending makes it stiffer, shear softer; here they nearly cancel"
 THIN_WALLED = "theory is off: Vlasov over-corrects, its warping constant is that of a thin strip"
 DEEP = "theory is off: the clamp also stops the sideways contraction that beam theory allows"
-
 Theory = tuple[str, int, float, str]
+
+
+def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[str]:
+    """The dominating motion of the cross-sections in each mode.
+
+    Sections are slices of the mesh; the rigid motion that fits a slice best tells its displacement and twist, which is made
+    comparable by the radius of gyration of the section.
+
+    Args:
+        points: ``(n, 3)`` mesh points.
+        shapes: ``(3 n, m)`` mode shapes.
+        axis: Direction of the beam's axis, 0..2.
+
+    Returns:
+        ``x``, ``y`` or ``z`` for motion along that axis (extension along ``axis``) or ``torsion``, for each mode.
+    """
+    place = points[:, axis]
+    low, high = float(place.min()), float(place.max())
+    slices = np.minimum(((place - low) / (high - low) * _SLICES).astype(int), _SLICES - 1)
+    sizes = np.zeros((4, shapes.shape[1]))
+    for number in range(_SLICES):
+        rows = np.flatnonzero(slices == number)
+        center = points[rows].mean(axis=0)
+        motions = rigid_map(points[rows], center)
+        fit = np.linalg.lstsq(motions, shapes.reshape(len(points), 3, -1)[rows].reshape(3 * len(rows), -1), rcond=None)[0]
+        arms = np.delete(points[rows] - center, axis, axis=1)
+        sizes[:3] += fit[:3] ** 2
+        sizes[3] += (arms**2).sum(axis=1).mean() * fit[3 + axis] ** 2
+    names = ["x", "y", "z", "torsion"]
+    return [names[k] for k in np.argmax(sizes, axis=0)]
 
 
 def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:

@@ -3,21 +3,29 @@
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.references.bending import (
     cantilever_force_deflection,
     cantilever_moment_deflection,
+    cantilever_shear_deflection,
     euler_bernoulli_frequencies,
     fixed_beam_deflection,
     strip_frequencies,
+    timoshenko_frequencies,
 )
 from headstock.validation.references.lumped_block import SprungBlock, block_frequencies
 from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
-from headstock.validation.references.rods import axial_extension, axial_frequencies
 from headstock.validation.references.rows import ValidationRow, judge_all
-from headstock.validation.references.saint_venant import cantilever_twist, fixed_beam_twist, torsion_constant, torsional_frequencies
-from headstock.validation.references.timoshenko import cantilever_shear_deflection, timoshenko_frequencies
-from headstock.validation.references.torsion import clamped_clamped_torsion, clamped_free_torsion
+from headstock.validation.references.torsion import (
+    axial_extension,
+    axial_frequencies,
+    cantilever_twist,
+    clamped_clamped_torsion,
+    clamped_free_torsion,
+    fixed_beam_twist,
+    torsion_constant,
+    torsional_frequencies,
+)
 from headstock.validation.references.values import reference_case
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -1,4 +1,7 @@
-"""Unreduced finite element models of one component: modes and static displacements to hold reduced ones against."""
+"""Unreduced finite element models of one component: modes and static displacements to hold reduced ones against.
+
+Components meshed and reduced the way a scene does it, for the cases that need a superelement or its parts.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.geometry.parts.components import Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Load, Material, Support
 from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.components.meshing import mesh_component
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
-from headstock.solvers.ranks import sum_over_ranks
+from headstock.solvers.ranks import share_from_root, sum_over_ranks
 
 _BLOCK = 6
 _FREE = 1e-9
+Compliance = dict[tuple[str, str], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,3 +147,35 @@ def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
     """
     with ConstrainedSolver(model.operators, model.owned_held, model.owned(model.means)) as solver:
         return model.everywhere(solver.solve(model.owned(loads)))[:, :, 0]
+
+
+def shared_mesh(
+    component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = (), *, comm: MPI.Comm
+) -> ComponentMesh:
+    """The mesh of a component on every rank, made by rank 0.
+
+    Raises:
+        HeadstockError: Meshing failed; raised on every rank.
+    """
+    made: tuple[ComponentMesh | None, HeadstockError | None] = (None, None)
+    if comm.rank == 0:
+        try:
+            made = (mesh_component(component, supports, loads), None)
+        except HeadstockError as error:
+            made = (None, error)
+    mesh, failure = share_from_root(comm, made)
+    if mesh is None:
+        raise failure or HeadstockError(f"component {component.name!r} has no mesh")
+    return mesh
+
+
+def interface_compliance(component: Component, mesh: ComponentMesh, supports: Sequence[Support], *, comm: MPI.Comm) -> Compliance:
+    """Compliances of the interfaces of a supported component by its static superelement.
+
+    Returns:
+        For each pair of interface names the motion ``(6, 6)`` of the first under unit forces and moments on the second.
+    """
+    element = reduce_elastic(component, mesh, supports, comm=comm, request=ReductionRequest(recovery=False))
+    whole: FloatArray = np.asarray(np.linalg.inv(element.stiffness), dtype=float)
+    rows = {name: slice(6 * place.node, 6 * place.node + 6) for name, place in element.attachments.items()}
+    return {(moved, loaded): whole[rows[moved], rows[loaded]] for moved in rows for loaded in rows}

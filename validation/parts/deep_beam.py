@@ -26,7 +26,7 @@ from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import Port, SecondOrderSystem
 from headstock.validation.parts.beam_components import face_interface, mesh_settings
 from headstock.validation.parts.closed_form_cases import DEEP_BEAM
-from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 
 LOAD_PER_LENGTH = 1e6

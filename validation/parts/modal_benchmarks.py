@@ -8,8 +8,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.parts.components import Component, Interface, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.components.meshing import describe_component
@@ -20,11 +19,10 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.validation.parts.beam_cases import beam_mode_kinds
 from headstock.validation.parts.beam_components import COLUMN_SIZE, clamp, column, face_interface, mesh_settings
 from headstock.validation.parts.closed_form_cases import BLOCK, DEEP_BEAM, SLENDER_BEAM, STEEL
-from headstock.validation.parts.component_models import FullModes, full_model, full_modes, held_by, rigid_frequencies
-from headstock.validation.parts.mode_kinds import beam_mode_kinds
-from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.parts.component_models import FullModes, full_model, full_modes, held_by, rigid_frequencies, shared_mesh
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound
 from headstock.validation.references.values import reference_case

@@ -7,14 +7,13 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.closed_form_cases import ROD, STEEL
 from headstock.validation.parts.component_models import FullModel, FullModes, full_displacement, full_model, full_modes
-from headstock.validation.parts.element_integrals import field_error
-from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
-from headstock.validation.references.rods import axial_frequencies
+from headstock.validation.parts.structured_meshes import field_error, lattice_mesh, straight_lattice
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_order
+from headstock.validation.references.torsion import axial_frequencies
 from headstock.validation.references.values import reference_case
 
 KINDS: tuple[CellKind, ...] = ("tet4", "hex8", "tet10", "hex27")

@@ -8,14 +8,13 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
-from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 
 CASE = "thin-parts"

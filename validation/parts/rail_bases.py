@@ -8,8 +8,7 @@ from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Patch, RailSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, RailSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.elements.surface import extract_surface
 from headstock.reduction.components.elastic import reduce_elastic

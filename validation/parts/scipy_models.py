@@ -10,7 +10,7 @@ import scipy.sparse.linalg
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 

@@ -10,19 +10,16 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Load, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.component_loads import assemble_loads
-from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.components.interface_patches import assemble_loads, measure_patch
 from headstock.solvers.elastic.stress_recovery import recover_at_points
-from headstock.validation.parts.component_models import full_displacement, full_model
-from headstock.validation.parts.reduced_models import shared_mesh
+from headstock.validation.parts.component_models import full_displacement, full_model, shared_mesh
 from headstock.validation.parts.structured_meshes import refine_lattice, write_lattice
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, show
-from headstock.validation.references.saint_venant import cantilever_twist
+from headstock.validation.references.torsion import cantilever_twist
 from headstock.validation.references.values import reference_case
 
 STRAIGHT = PrismaticBeam(6.0, 0.1, 0.2, Material("macneal", 1e7, 0.3, 1.0))

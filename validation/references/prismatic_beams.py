@@ -1,11 +1,18 @@
-"""A straight beam of rectangular section: what every beam theory in this folder takes."""
+"""A straight beam of rectangular section: what every beam theory in this folder takes.
 
+Roots of a characteristic equation, found one after the other by sign changes.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from headstock.geometry.parts.materials import Material
+from scipy.optimize import brentq
+
+from headstock.geometry.parts.components import Material
 
 EndConditions = Literal["clamped-free", "clamped-clamped", "free-free", "supported-supported"]
+MAXIMUM_STEPS = 200_000
 
 
 @dataclass(frozen=True)
@@ -58,3 +65,33 @@ class PrismaticBeam:
 def turn_section(beam: PrismaticBeam) -> PrismaticBeam:
     """The same beam bending in the direction of its width."""
     return PrismaticBeam(beam.length, beam.depth, beam.width, beam.material)
+
+
+def bracket_roots(function: Callable[[float], float], count: int, *, start: float, step: float) -> list[float]:
+    """The first roots of a function above a start, by walking until its sign changes and closing in by Brent's method.
+
+    Args:
+        function: Continuous, with simple roots further apart than ``step``.
+        count: Number of roots wanted.
+        start: Where to begin; not itself a root.
+        step: Width of the walk.
+
+    Returns:
+        ``count`` roots in rising order.
+
+    Raises:
+        ValueError: Fewer roots lie within the first 200000 steps.
+
+    Source: Brent (1973), chapter 4.
+    """
+    roots: list[float] = []
+    low, value_low = start, function(start)
+    for number in range(1, MAXIMUM_STEPS + 1):
+        if len(roots) == count:
+            return roots
+        high = start + number * step
+        value_high = function(high)
+        if value_low * value_high <= 0.0 and value_high != 0.0:
+            roots.append(float(brentq(function, low, high, xtol=1e-15 * high, rtol=1e-14)))
+        low, value_low = high, value_high
+    raise ValueError(f"only {len(roots)} of {count} roots lie between {start:g} and {low:g}")

@@ -1,5 +1,10 @@
-"""Rows of the validation table: a value, what it should be, and whether it is."""
+"""Rows of the validation table: a value, what it should be, and whether it is.
 
+Validation rows as a JSON list.
+"""
+
+import dataclasses
+import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -58,6 +63,8 @@ KIND_OF_PROVENANCE = {
     "derived-closed-form": "closed form",
     "derived-numerical": "converged 3D",
 }
+
+
 SHOWN_ONLY = "shown only"
 
 
@@ -112,3 +119,13 @@ def judge_all(
 def failed_computation(case: str, reason: str) -> ValidationRow:
     """The row of a case that ended with an error in place of numbers."""
     return ValidationRow(case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason)
+
+
+def rows_as_json(rows: Sequence[ValidationRow]) -> str:
+    """A JSON list with one object per row; numbers that do not exist are ``null``."""
+    entries = [{key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows]
+    return json.dumps(entries, indent=1, allow_nan=False) + "\n"
+
+
+def _plain(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

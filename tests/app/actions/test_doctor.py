@@ -5,8 +5,17 @@ from pathlib import Path
 import pytest
 
 from headstock.app.actions import doctor as environment_checks
-from headstock.app.actions.doctor import Check, Question, ask, check_environment, check_package, free_memory_mb, run_child
-from headstock.app.actions.doctor_2 import describe_checks, run_doctor
+from headstock.app.actions.doctor import (
+    Check,
+    Question,
+    ask,
+    check_environment,
+    check_package,
+    describe_checks,
+    free_memory_mb,
+    run_child,
+    run_doctor,
+)
 
 GOOD = Check("python", "3.13.5", "ok")
 BROKEN = Check("PETSc", "complex scalars", "missing", "install the real one")

@@ -15,9 +15,9 @@ from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.frf import draw_responses
 from headstock.app.charts.study import describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
-from headstock.app.report.comparison_page import render_comparison
 from headstock.app.report.frf import draw_overlay
-from headstock.app.texts.frf_tables import response_unit, round_ticks
+from headstock.app.report.pages import render_comparison
+from headstock.app.texts.tables import response_unit, round_ticks
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.scene.studies import Study, StudyFamily
 from headstock.studies.parameters.records import StudyRecord

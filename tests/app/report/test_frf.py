@@ -15,8 +15,7 @@ from headstock.app.charts.frf import draw_responses
 from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
 from headstock.app.report.report import render_report
-from headstock.app.texts.frf_tables import tabulate_response
-from headstock.app.texts.tables import encode_csv
+from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.pipeline.results.frf import ResponseCurves
 

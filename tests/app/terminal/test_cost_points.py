@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from headstock.app.charts.cost_charts import draw_costs
-from headstock.app.terminal.cost_listing import cost_table, digit_words, list_costs
+from headstock.app.charts.study import draw_costs
+from headstock.app.terminal.study import cost_table, digit_words, list_costs
 from headstock.scene.studies import TRUTH, Study, StudyFamily
 from headstock.studies.parameters.costs import cheapest_within, pareto_front, weigh_costs
 from headstock.studies.parameters.records import StudyRecord

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from headstock.app.texts.error_texts import response_error_words
-from headstock.app.texts.frf_tables import tabulate_response
-from headstock.app.texts.tables import encode_csv
+from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves, summarise_response
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from headstock.geometry.errors import ClosureError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops, closure_bias, closure_residual, evaluate_kinematics, find_mobility
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions, exechon_mechanism
+from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism
 from headstock.geometry.mechanisms.kinematics import mark_bias, place_marks
 from headstock.geometry.mechanisms.mechanism import Alignment, Balance, Mark, Mechanism, Meeting, shift, turn
 from headstock.geometry.mechanisms.platforms import hexapod, planar_3rpr, planar_3rpr_state, tricept

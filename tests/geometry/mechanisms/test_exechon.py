@@ -7,13 +7,14 @@ from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.mechanisms.closures import close_loops, closure_residual, evaluate_kinematics, find_mobility
 from headstock.geometry.mechanisms.exechon import (
     ASSEMBLIES,
+    ExechonDimensions,
     MountedExechon,
     condition_numbers,
+    exechon_mechanism,
     platform_states,
     solve_tool_pose,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.exechon_2 import ExechonDimensions, exechon_mechanism
 from headstock.geometry.mechanisms.kinematics import place_marks
 
 DOWN = np.array([0.0, 0.0, -1.0])

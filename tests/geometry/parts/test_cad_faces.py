@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.cad_faces import CadFace, find_holes, fit_cylinder, name_faces, part_extent
-from headstock.geometry.parts.interface_suggestions import suggest_interfaces
+from headstock.geometry.parts.cad_faces import CadFace, find_holes, fit_cylinder, name_faces, part_extent, suggest_interfaces
 
 SIZE = (0.1, 0.2, 0.4)
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.components import Component, Interface, Patch
+from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.mass_properties import box_sum_properties, closed_form_properties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.patches import clear_spans, planar_boxes, rect_union, rib_spans
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 

@@ -8,7 +8,7 @@ from headstock.meshing.component_mesh import POOR_QUALITY
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.flat_tets import find_flat_tets
 from headstock.meshing.elements.quality import scaled_jacobians
-from headstock.pipeline.stages.result_warnings import mesh_warnings
+from headstock.pipeline.stages.warnings import mesh_warnings
 
 
 def test_single_layers_are_found_with_thickness_and_length(make_box):

@@ -2,15 +2,19 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Patch, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, Support
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import mesh_component
-from headstock.meshing.elements.serendipity_cells import complete_hexes
+from headstock.meshing.elements.second_order import complete_hexes
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.validation.parts.element_integrals import integrate_over_cells
-from headstock.validation.parts.structured_meshes import lattice_cells, lattice_sides, straight_lattice, write_lattice
+from headstock.validation.parts.structured_meshes import (
+    integrate_over_cells,
+    lattice_cells,
+    lattice_sides,
+    straight_lattice,
+    write_lattice,
+)
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.2, 0.3, 0.5)

@@ -6,8 +6,8 @@ import pytest
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshJob
-from headstock.studies.parameters.disk_faults import blames_surroundings
-from headstock.validation.campaigns.limited_rooms import limited_room
+from headstock.studies.parameters.runs import blames_surroundings
+from headstock.validation.campaigns.small_disks import limited_room
 
 BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
 

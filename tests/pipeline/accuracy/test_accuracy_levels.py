@@ -2,8 +2,7 @@
 
 import pytest
 
-from headstock.pipeline.accuracy.accuracy_levels import LEAST_FACTOR, weigh_estimates
-from headstock.pipeline.accuracy.quantities import MESH_SAFETY, Quantity, count_safely
+from headstock.pipeline.accuracy.quantities import LEAST_FACTOR, MESH_SAFETY, Quantity, count_safely, weigh_estimates
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 
 COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)

@@ -11,10 +11,9 @@ from headstock.app.texts.error_texts import accuracy_words
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.parts.solids import Box
-from headstock.pipeline.accuracy.accuracy_plan import plan_first_round
+from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise

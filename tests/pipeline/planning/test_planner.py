@@ -9,8 +9,7 @@ import pytest
 
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, ReductionSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed
 from headstock.pipeline.planning.plan import Stage

@@ -16,7 +16,7 @@ from headstock.pipeline.results.estimates import REDUCTION, Estimate
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, claim_output, prepare_output
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.stages.result_warnings import mesh_warnings
+from headstock.pipeline.stages.warnings import mesh_warnings
 from headstock.pipeline.results.results import ComponentFacts, PointCompliance, PoseModes, Results
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.solvers.errors import AccuracyError

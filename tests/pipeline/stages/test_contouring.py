@@ -8,8 +8,7 @@ import pytest
 from headstock.app.report.contour import draw_contour
 from headstock.app.texts.tables import _contour_table
 from headstock.geometry.errors import PoseError
-from headstock.pipeline.stages.contouring import run_contour
-from headstock.pipeline.stages.contouring_summary import summarise_contour
+from headstock.pipeline.stages.contouring import run_contour, summarise_contour
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor

@@ -21,8 +21,8 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.damping import add_modal_damping
-from headstock.solvers.linear.general_poles import find_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.response_forms import find_poles
 from headstock.solvers.milling.forces import cutting_forces
 
 SCENE = """

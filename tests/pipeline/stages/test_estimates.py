@@ -11,7 +11,7 @@ from mpi4py import MPI
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.result_warnings import find_warnings
+from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 

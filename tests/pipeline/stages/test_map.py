@@ -10,14 +10,13 @@ from headstock.app.report.map import draw_map, map_layers, map_values
 from headstock.app.texts.tables import _map_table, list_tables
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.map import map_workspace
-from headstock.pipeline.stages.map_stage import summarise_map
+from headstock.pipeline.stages.map import map_workspace, summarise_map
 from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import MapRequest
 from headstock.scene.scene import SceneMechanism, keep_analyses
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"

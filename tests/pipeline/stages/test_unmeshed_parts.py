@@ -17,7 +17,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.validation.campaigns.sample_files import SIZE, box_mesh, msh_text
+from headstock.validation.campaigns.file_fuzz import SIZE, box_mesh, msh_text
 
 SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.step"
 SCENE = """

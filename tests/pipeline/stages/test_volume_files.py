@@ -8,7 +8,7 @@ import pytest
 import pyvista
 
 from headstock.app.command_line import main
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.pipeline.stages.volume_files import von_mises
 
 WIDTH, LENGTH = 0.02, 0.2

@@ -12,8 +12,16 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import Frame, rotation_about
-from headstock.geometry.parts.components import Component, Interface, Load, MeshSettings, Patch, ReductionSettings, Support
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import (
+    Component,
+    Interface,
+    Load,
+    Material,
+    MeshSettings,
+    Patch,
+    ReductionSettings,
+    Support,
+)
 from headstock.geometry.parts.solids import Box, MeshFile
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.pipeline.storage import store as store_module

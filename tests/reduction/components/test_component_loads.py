@@ -4,8 +4,7 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_map
 from headstock.geometry.parts.components import Load, Patch
-from headstock.reduction.components.component_loads import assemble_loads
-from headstock.reduction.components.interface_patches import measure_patch
+from headstock.reduction.components.interface_patches import assemble_loads, measure_patch
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 
 COMM = MPI.COMM_SELF

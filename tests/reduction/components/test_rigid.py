@@ -7,9 +7,8 @@ import pytest
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.parts.components import Component, Interface, Load, Patch
+from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple

@@ -11,9 +11,8 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, orient_machine
-from headstock.geometry.parts.components import Component, Interface, Load, Patch, SegmentSettings
+from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch, SegmentSettings
 from headstock.geometry.parts.mass_properties import closed_form_properties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.prismatic_bars import prismatic_bar, shear_coefficient
 from headstock.geometry.parts.solids import Box, HollowColumn, Tube
 from headstock.reduction.components.elastic import reduce_elastic

@@ -10,7 +10,7 @@ from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.coupling_memo import CouplingMemo
+from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.scene.building.loader import load_scene
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"

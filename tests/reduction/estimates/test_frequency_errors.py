@@ -11,7 +11,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.requests import ReductionRequest
-from headstock.reduction.truncation import least_participation, most_participation
+from headstock.reduction.superelement import least_participation, most_participation
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 

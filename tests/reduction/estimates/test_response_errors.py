@@ -7,13 +7,20 @@ import pytest
 
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.estimates.frequency_errors import truncated_parts
-from headstock.reduction.estimates.response_errors import ErrorSources, project_response
-from headstock.reduction.estimates.response_errors_2 import bound_response_errors
+from headstock.reduction.estimates.response_errors import ErrorSources, bound_response_errors, project_response
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.system_ports import input_columns, output_rows
-from headstock.validation.machines.estimate_cases import clamped_beam, free_pair, keep_fewer, unreduced
-from headstock.validation.machines.estimate_cases_2 import RESOLVED, compare_frequencies, reduce_specimen, reference_frequencies
-from headstock.validation.machines.response_estimate_cases_2 import LINES, PORTS, compare_responses
+from headstock.solvers.second_order import input_columns, output_rows
+from headstock.validation.machines.estimate_cases import (
+    RESOLVED,
+    clamped_beam,
+    compare_frequencies,
+    free_pair,
+    keep_fewer,
+    reduce_specimen,
+    reference_frequencies,
+    unreduced,
+)
+from headstock.validation.machines.response_estimate_cases import LINES, PORTS, compare_responses
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,13 @@ from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors, frequency_mesh_errors, meshed_parts
-from headstock.reduction.estimates.response_errors import ErrorSources, project_response
-from headstock.reduction.estimates.response_errors_2 import bound_response_errors, soften_response
+from headstock.reduction.estimates.response_errors import ErrorSources, bound_response_errors, project_response, soften_response
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.system_ports import input_columns, output_rows
+from headstock.solvers.second_order import input_columns, output_rows
 
 SIZE = (0.04, 0.1, 0.4)
 LOSS = 0.03

@@ -11,8 +11,7 @@ from mpi4py import MPI
 
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile, Tube
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
@@ -28,7 +27,7 @@ from headstock.reduction.estimates.mesh_errors import (
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget
-from headstock.solvers.elastic.discretisation_error_2 import sees_errors
+from headstock.solvers.elastic.discretisation_error import sees_errors
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2

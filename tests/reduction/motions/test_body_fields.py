@@ -9,9 +9,8 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Patch, SegmentSettings
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, SegmentSettings
 from headstock.geometry.parts.mass_properties import closed_form_properties
-from headstock.geometry.parts.materials import Material
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.rigid import reduce_rigid

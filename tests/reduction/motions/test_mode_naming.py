@@ -8,8 +8,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import join_names
-from headstock.reduction.motions.mode_naming import name_modes
-from headstock.reduction.motions.round_bodies import is_ball, name_around, name_on_ball, round_axis
+from headstock.reduction.motions.mode_naming import is_ball, name_around, name_modes, name_on_ball, round_axis
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 

@@ -8,14 +8,13 @@ import pytest
 
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.dead_time import LARGEST_ANGLE, make_dead_time
-from headstock.solvers.control.drive_loops import ENCODER, close_loops
+from headstock.solvers.control.drive_loops import ENCODER, close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
-from headstock.solvers.control.tracking import find_velocity_lag
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.validation.machines.two_mass_drive import (
+from headstock.validation.machines.drive_cases import (
     LOAD,
     TwoMasses,
     closed_loop_poles,

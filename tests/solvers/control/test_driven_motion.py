@@ -8,11 +8,10 @@ import pytest
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction_loop import friction_ports, make_rubbing_loop
-from headstock.solvers.control.guide_friction import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import friction_force, friction_ports, friction_slope, make_rubbing_loop
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_time_response
-from headstock.validation.machines.two_mass_drive import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=2e-4, current_lag=1e-4)
 LAW = GuideFriction(coulomb=50.0, breakaway=80.0, stribeck_speed=1e-3, viscous=100.0, smoothing=1e-4)

@@ -5,8 +5,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from headstock.geometry.parts.components import Component, MeshSettings
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Component, Material, MeshSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.solvers.elastic import factorization

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from headstock.meshing.elements.topology import shape_functions, shape_gradients
-from headstock.solvers.elastic.discretisation_error_2 import estimate_missing_energy
-from headstock.solvers.elastic.energy_stresses import gauss_places
+from headstock.solvers.elastic.discretisation_error import estimate_missing_energy, gauss_places
 
 SIZE = (0.2, 0.3, 0.5)
 ORDERS = {"tet4": 1, "hex8": 1, "tet10": 2, "hex27": 2}

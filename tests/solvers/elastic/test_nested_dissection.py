@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from headstock.solvers.elastic import nested_dissection
-from headstock.solvers.elastic.nested_dissection import dissect_nodes
+from headstock.solvers.elastic import factorization
+from headstock.solvers.elastic.factorization import dissect_nodes
 
 
 def grid(side: int) -> scipy.sparse.csr_matrix:
@@ -42,5 +42,5 @@ def test_without_metis_there_is_no_order(monkeypatch: pytest.MonkeyPatch) -> Non
     def refuse(name: str) -> None:
         raise OSError(name)
 
-    monkeypatch.setattr(nested_dissection.ctypes, "CDLL", refuse)
+    monkeypatch.setattr(factorization.ctypes, "CDLL", refuse)
     assert dissect_nodes(grid(3)) is None

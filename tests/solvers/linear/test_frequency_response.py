@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear import lower_poles
+from headstock.solvers.linear import damped_modes
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
-from headstock.solvers.linear.frequency_grid import refine_grid
 from headstock.solvers.linear.frequency_response import (
     PEAK_MARGIN,
     convert_receptance,
     evaluate_frf,
     find_peaks,
     prepare_frf,
+    refine_grid,
     solve_frf,
 )
 from headstock.solvers.linear.stability_figures import find_stability_figures
@@ -297,14 +297,14 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
     system = SecondOrderSystem(np.eye(size), damping, stiffness, port, port, ("q",) * size)
     model = prepare_frf(system, inputs=[("tip", "x")], outputs=[("tip", "x")])
     solved: list[int] = []
-    whole = lower_poles.state_eigenpairs
+    whole = damped_modes.state_eigenpairs
 
     def counted(squares, viscous):
         solved.append(len(viscous))
         return whole(squares, viscous)
 
     expected, _ = whole(stiffness, damping)
-    monkeypatch.setattr(lower_poles, "state_eigenpairs", counted)
+    monkeypatch.setattr(damped_modes, "state_eigenpairs", counted)
     omega = np.sqrt(np.linalg.eigvalsh(stiffness))
     found = find_peaks(model, float(omega[kept - 1]) / (2.0 * np.pi) / PEAK_MARGIN * (1.0 + 1e-9))
     assert max(solved) < size / 4 and len(solved) == 1

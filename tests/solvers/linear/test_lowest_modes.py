@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.lowest_modes import solve_lowest_modes
-from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.modal_analysis import solve_lowest_modes, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 import scipy.io
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.pipeline.exports import encode_mat
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.control_systems import to_control
 from headstock.solvers.linear.damping import add_modal_damping
-from headstock.solvers.linear.order_reduction import balance_truncate, measure_error
-from headstock.solvers.linear.state_space import to_state_space
+from headstock.solvers.linear.state_space import balance_truncate, measure_error, to_control, to_state_space
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 

@@ -10,8 +10,8 @@ from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
-from headstock.solvers.linear.control_systems import to_control
-from headstock.validation.machines.two_mass_drive import LOAD, TwoMasses, make_drive
+from headstock.solvers.linear.state_space import to_control
+from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 control = pytest.importorskip("control")
 

@@ -8,7 +8,7 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.mechanism import Mark, Mechanism, Meeting, shift, turn
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.mechanisms.compliant_mechanism import CompliantMechanism, LumpedSprings, MechanismBody
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import gravity_stiffness, linearise_poses, pose_system, solve_pose_modes, tool_compliance
 from headstock.solvers.mechanisms.partitioning import Drive, compose_state, partition_dynamics
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor

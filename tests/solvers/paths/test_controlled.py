@@ -13,7 +13,7 @@ from headstock.solvers.paths.controlled import ControlledPath, solve_controlled_
 from headstock.solvers.paths.response import PathModel, solve_path
 from headstock.solvers.paths.set_points import Ramp, plan_move
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.machines.two_mass_drive import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 MASSES = TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)

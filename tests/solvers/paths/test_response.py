@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.paths.path_figures import LowPass, filter_deviation, measure_zones
-from headstock.solvers.paths.response import PathModel, sample_times, solve_path
+from headstock.solvers.paths.response import LowPass, PathModel, filter_deviation, measure_zones, sample_times, solve_path
 from headstock.solvers.paths.set_points import Ramp, SetPoint
 from headstock.solvers.second_order import SecondOrderSystem
 

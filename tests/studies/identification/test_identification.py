@@ -8,16 +8,17 @@ import pytest
 
 from headstock.studies.identification.descent import spread_starts
 from headstock.studies.identification.identification import identify
-from headstock.studies.identification.identification_problem import FitProblem, evaluate
-from headstock.studies.identification.problem import follow_modes
+from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
 from headstock.validation.machines.identification_cases import (
+    fit_seeds,
+    judge_blindness,
+    judge_seeds,
     prepare_text,
     solve_truth,
     true_values,
     write_frequencies,
     write_parameters,
 )
-from headstock.validation.machines.identification_cases_2 import fit_seeds, judge_blindness, judge_seeds
 
 TRUTH = {"guide_normal": 70e6, "guide_lateral": 55e6, "drive": 90e6, "feet_z": 170e6}
 CASES = """

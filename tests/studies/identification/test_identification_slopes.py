@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.studies.identification.identification_problem import FitProblem, data_jacobian, evaluate
+from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
 from headstock.validation.machines.identification_cases import prepare_text
 
 STEP = 5e-4

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.studies.identification.target_files_2 import LoadedTask, load_targets
+from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.validation.machines.identification_cases import SCENE
 
 ROOT = Path(__file__).resolve().parents[3]

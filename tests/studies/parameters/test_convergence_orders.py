@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from headstock.studies.parameters.convergence_orders import extrapolate_values
+from headstock.studies.parameters.tables import extrapolate_values
 
 
 @given(

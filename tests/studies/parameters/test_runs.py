@@ -16,8 +16,8 @@ from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.content_keys import file_digests
 from headstock.pipeline.storage.outputs import OutputError
-from headstock.pipeline.storage.scene_content import file_digests
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.studies import Study, StudyFamily, count_points, describe_point, expand_study

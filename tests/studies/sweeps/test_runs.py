@@ -12,15 +12,14 @@ import headstock.studies.sweeps.runs
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.scene.building.loader import load_scene
-from headstock.scene.sweep_poses import describe_positions
+from headstock.scene.studies import describe_positions
 from headstock.solvers.errors import ModelError
 from headstock.studies.sweeps.files import SWEEP_FILE, write_sweep
-from headstock.studies.sweeps.journals import FOLDER, PoseJournal, read_journals
+from headstock.studies.sweeps.journals import FOLDER, PoseJournal, PoseResult, decode_result, encode_result, read_journals
 from headstock.studies.sweeps.machine_poses import solve_machine_pose
-from headstock.studies.sweeps.pose_results import PoseResult, decode_result, encode_result
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
-from headstock.validation.campaigns.limited_rooms import limited_room
+from headstock.validation.campaigns.small_disks import limited_room
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 COMM = MPI.COMM_SELF

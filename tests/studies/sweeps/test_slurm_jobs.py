@@ -7,22 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-import headstock.studies.sweeps.slurm_waiting
-from headstock.scene.sweep_poses import make_grid
+import headstock.studies.sweeps.slurm_jobs
+from headstock.scene.studies import make_grid
 from headstock.studies.sweeps.slurm_jobs import (
     FOLDER,
     ArrayJob,
     ScriptValueError,
     SlurmOptions,
     Submission,
+    describe_missing,
     list_missing,
     log_file,
     read_submission,
     render_script,
+    wait_for_array,
     write_submission,
 )
 from headstock.studies.sweeps.slurm_tools import SlurmError, TaskState
-from headstock.studies.sweeps.slurm_waiting import describe_missing, wait_for_array
 
 SWEEP = make_grid("line", {"X": "m"}, {"X": np.linspace(-0.2, 0.2, 9)})
 SUBMISSION = Submission("key", "17", "16", 3, (1, 2, 3))
@@ -115,9 +116,9 @@ def wait(monkeypatch: pytest.MonkeyPatch, *answers: "dict[int, str] | SlurmError
             raise found
         return {task: TaskState(*text.split(" ")) for task, text in found.items()}
 
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "read_states", answer)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "SHORTEST_SECONDS", 0.0)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_waiting, "MOST_SILENCES", 2)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "read_states", answer)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "SHORTEST_SECONDS", 0.0)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "MOST_SILENCES", 2)
     states = wait_for_array(SUBMISSION, told.append)
     assert not left
     return states, told

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from headstock.validation.coverage import cases
-from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, PartCoverage, measure_part
 from headstock.validation.coverage.parts import KINDS, draw_part
-from headstock.validation.coverage.runs import PartCoverage, measure_part
 
 
 def made_up(seed, errors, estimates, lines):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import rigid_map
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.ladder.paper_elements import brick_mass, brick_model, brick_stiffness, held_modes, solve_held
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

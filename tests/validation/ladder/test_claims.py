@@ -18,8 +18,7 @@ from headstock.validation.ladder.claims import (
     claim_smaller,
     claim_softer,
 )
-from headstock.validation.ladder.ladder_deviations import ndof_within, pick_rungs
-from headstock.validation.ladder.points import LadderPoint
+from headstock.validation.ladder.points import LadderPoint, ndof_within, pick_rungs
 from headstock.validation.ladder.references import ladder_beam
 
 BEAM = ladder_beam("kono-cantilever")

@@ -3,7 +3,7 @@ import pytest
 
 from headstock.validation.ladder.mode_pairing import pair_modes, read_shape, section_motions
 from headstock.validation.references.bending import euler_bernoulli_shape
-from headstock.validation.references.rods import wave_numbers
+from headstock.validation.references.torsion import wave_numbers
 
 SIDES = (0.04, 0.1, 0.5)
 NAMES = ("X1", "Y1", "X2", "T1", "Y2", "X3")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from headstock.validation.ladder.kono_claims import judge_ladder
-from headstock.validation.ladder.paper_elements_2 import paper_points
+from headstock.validation.ladder.claims import judge_ladder
+from headstock.validation.ladder.paper_elements import paper_points
 from headstock.validation.ladder.references import ladder_beam
 
 

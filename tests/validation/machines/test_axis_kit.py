@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.solids import Box
 from headstock.scene.building.loader import load_scene
-from headstock.studies.identification.target_files_2 import load_targets
+from headstock.studies.identification.target_files import load_targets
 from headstock.validation.machines.axis_kit_cases import (
     FEM_TOLERANCE,
     FIDELITY_TOLERANCE,
@@ -16,8 +16,17 @@ from headstock.validation.machines.axis_kit_cases import (
     pair_fidelities,
     show_shapes,
 )
-from headstock.validation.machines.axis_kit_models import SCENE, KitModel, KitWorkshop
-from headstock.validation.machines.axis_kit_paper import DRIVEN_MASSES, MEASURED_MODES, SCREW_LEADS, TABLE_3, TABLE_3_FEM, TRAVEL
+from headstock.validation.machines.axis_kit_models import (
+    DRIVEN_MASSES,
+    MEASURED_MODES,
+    SCENE,
+    SCREW_LEADS,
+    TABLE_3,
+    TABLE_3_FEM,
+    TRAVEL,
+    KitModel,
+    KitWorkshop,
+)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from headstock.validation.machines.guideway_cases import (
     reduce_parts,
     relative_errors,
 )
-from headstock.validation.machines.guideway_models import fix_carriages
+from headstock.validation.machines.monolithic_machines import fix_carriages
 
 Model = tuple[Machine, ComponentMesh, dict[str, Superelement]]
 

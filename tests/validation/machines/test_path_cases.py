@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headstock.validation.machines.path_cases_2 import ROADS_TOLERANCE, compare_roads
+from headstock.validation.machines.path_cases import ROADS_TOLERANCE, compare_roads
 
 
 def test_absolute_coordinates_coupled_anew_agree_with_carried_modes() -> None:

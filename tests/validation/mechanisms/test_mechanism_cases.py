@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.validation.case_registry import run_validation
 from headstock.validation.mechanisms import mechanism_cases
 from headstock.validation.mechanisms.mechanism_cases import check_limits, check_three_models
 from headstock.validation.mechanisms.motion_cases import Run, check_constraint_drift, check_energy_balance, check_integration_orders
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 from headstock.validation.references.rows import ValidationRow
-from headstock.validation.validation_runs import run_validation
 
 SHORT = Run(0.0025, (50, 100, 200))
 

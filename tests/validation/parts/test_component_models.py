@@ -6,7 +6,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from headstock.geometry.frames import rigid_map
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.validation.parts.component_models import (
     FullModel,

@@ -5,8 +5,14 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
-from headstock.validation.parts.element_integrals import field_error, integrate_over_cells, node_places, shape_functions
-from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
+from headstock.validation.parts.structured_meshes import (
+    field_error,
+    integrate_over_cells,
+    lattice_mesh,
+    node_places,
+    shape_functions,
+    straight_lattice,
+)
 
 KINDS: list[CellKind] = ["tet4", "tet10", "hex8", "hex27"]
 

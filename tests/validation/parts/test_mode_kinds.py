@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headstock.validation.parts.mode_kinds import beam_mode_kinds
+from headstock.validation.parts.beam_cases import beam_mode_kinds
 
 
 def bar_points() -> np.ndarray:

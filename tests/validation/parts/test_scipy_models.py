@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.validation.parts.component_models import full_model, full_modes
 from headstock.validation.parts.scipy_models import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.references.bending import (
     cantilever_force_deflection,
     cantilever_moment_deflection,

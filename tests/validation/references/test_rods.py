@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.references.prismatic_beams import PrismaticBeam
-from headstock.validation.references.rods import axial_extension, axial_frequencies
+from headstock.validation.references.torsion import axial_extension, axial_frequencies
 
 COLUMN = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 ROD = PrismaticBeam(1.0, 0.05, 0.05, Material("nu0", 210e9, 0.0, 7850.0))

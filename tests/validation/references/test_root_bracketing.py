@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from headstock.validation.references.root_bracketing import bracket_roots
+from headstock.validation.references.prismatic_beams import bracket_roots
 
 
 def test_roots_come_in_order_and_to_machine_precision() -> None:

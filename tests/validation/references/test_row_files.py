@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from headstock.validation.references.row_files import rows_as_json
-from headstock.validation.references.rows import Target, failed_computation, judge, judge_bound
+from headstock.validation.references.rows import Target, failed_computation, judge, judge_bound, rows_as_json
 
 CONTRACT = {"case", "quantity", "value", "reference", "unit", "relative_error", "tolerance", "kind", "passed"}
 

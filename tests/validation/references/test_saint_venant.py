@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.references.prismatic_beams import PrismaticBeam
-from headstock.validation.references.saint_venant import cantilever_twist, fixed_beam_twist, torsion_constant, torsional_frequencies
+from headstock.validation.references.torsion import cantilever_twist, fixed_beam_twist, torsion_constant, torsional_frequencies
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 COLUMN = PrismaticBeam(0.5, 0.1, 0.038, STEEL)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
-from headstock.validation.references.bending import euler_bernoulli_frequencies
-from headstock.validation.references.prismatic_beams import EndConditions, PrismaticBeam, turn_section
-from headstock.validation.references.timoshenko import (
+from headstock.geometry.parts.components import Material
+from headstock.validation.references.bending import (
     cantilever_shear_deflection,
     cowper_coefficient,
+    euler_bernoulli_frequencies,
     fixed_beam_shear_deflection,
     timoshenko_frequencies,
 )
+from headstock.validation.references.prismatic_beams import EndConditions, PrismaticBeam, turn_section
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 COLUMN = PrismaticBeam(0.5, 0.1, 0.038, STEEL)

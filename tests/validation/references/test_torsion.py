@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.parts.materials import Material
+from headstock.geometry.parts.components import Material
 from headstock.validation.references.prismatic_beams import PrismaticBeam
-from headstock.validation.references.saint_venant import torsional_frequencies
-from headstock.validation.references.torsion import clamped_clamped_torsion, clamped_free_torsion, warping_constant
+from headstock.validation.references.torsion import (
+    clamped_clamped_torsion,
+    clamped_free_torsion,
+    torsional_frequencies,
+    warping_constant,
+)
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 COLUMN = PrismaticBeam(0.5, 0.1, 0.038, STEEL)
