@@ -7,10 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-import headstock.app.charts.comparison
-import headstock.app.charts.frf
-import headstock.app.charts.study
-import headstock.app.charts.sweep
+from headstock.app.charts import comparison, frf, study, sweep
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.frf import draw_responses
 from headstock.app.charts.study import describe_column, draw_study
@@ -36,8 +33,8 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         found.append(figure)
         return np.zeros((1, 1, 4), dtype=np.uint8)
 
-    for module in ("study", "comparison", "sweep", "frf"):
-        monkeypatch.setattr(getattr(headstock.app, f"{module}_charts"), "read_pixels", keep)
+    for module in (study, comparison, sweep, frf):
+        monkeypatch.setattr(module, "read_pixels", keep)
     return found
 
 
