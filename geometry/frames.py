@@ -9,7 +9,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 ORTHONORMALITY_TOLERANCE = 1e-9
-DOF_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+DIRECTIONS = ("x", "y", "z")
+DOF_NAMES = (*DIRECTIONS, "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, eq=False)

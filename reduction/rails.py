@@ -7,8 +7,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
-from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, OVERHANG_TOLERANCE, count_stations, rail_span
+from headstock.geometry.machine.carriages import DEGREE, LEAST_INTERVALS, count_stations, rail_span
+from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import Component, Interface
+from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.solvers.errors import ModelError
 
 STATION_DOFS = 4
@@ -161,20 +163,20 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
     slack = OVERHANG_TOLERANCE * (rail.high - rail.low)
     if not 0.0 < length <= rail.high - rail.low + slack:
         raise ModelError(
-            f"a carriage of {_mm(length)} does not fit on a rail of {_mm(rail.high - rail.low)}; make the rail longer or the "
+            f"a carriage of {show_position(length)} does not fit on a rail of {show_position(rail.high - rail.low)}; make the rail longer or the "
             "carriage shorter"
         )
     if length < LEAST_INTERVALS * rail.blur * (1.0 - OVERHANG_TOLERANCE):
         least = count_stations(rail.high - rail.low, length, LEAST_INTERVALS)
         raise ModelError(
-            f"{len(rail.control) // STATION_DOFS} stations are too few for a carriage of {_mm(length)} on a rail of "
-            f"{_mm(rail.high - rail.low)}: it would feel them pass; take at least {least}"
+            f"{len(rail.control) // STATION_DOFS} stations are too few for a carriage of {show_position(length)} on a rail of "
+            f"{show_position(rail.high - rail.low)}: it would feel them pass; take at least {least}"
         )
     over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)
     if over > slack:
         raise ModelError(
-            f"a carriage of {_mm(length)} at {_mm(place)} hangs {_mm(over)} over the end of its rail, which runs from "
-            f"{_mm(rail.low)} to {_mm(rail.high)}; move the axis by that much, or make the rail longer"
+            f"a carriage of {show_position(length)} at {show_position(place)} hangs {show_position(over)} over the end of its rail, which runs from "
+            f"{show_position(rail.low)} to {show_position(rail.high)}; move the axis by that much, or make the rail longer"
         )
     return float(np.clip(place, rail.low + 0.5 * length, rail.high - 0.5 * length))
 
@@ -182,7 +184,3 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
 def _degree(knots: FloatArray) -> int:
     """Degree of clamped knots: the first one is repeated once more than that."""
     return int(np.count_nonzero(knots == knots[0])) - 1
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.6g} mm"

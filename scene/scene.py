@@ -136,6 +136,11 @@ class Scene:
     deferred: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
     drives: dict[str, Drive] = field(default_factory=dict)
 
+    @property
+    def is_lumped(self) -> bool:
+        """Whether the mechanism itself is the model: rigid bodies on springs in its legs."""
+        return self.mechanism is not None and self.mechanism.model == "lumped"
+
 
 def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     """The scene with only the named ones of its analyses, those on request among them.

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
@@ -24,7 +25,7 @@ from headstock.pipeline.stages.estimates import estimate_compliance_errors, esti
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.motions.compliance_budget import DIRECTIONS, PointBudget, WeakLink, find_weakest_link, point_budget
+from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink, find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError

@@ -21,7 +21,6 @@ from headstock.app.terminal.comparison import comparison_csv, print_comparison, 
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.planning.planner import is_lumped
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance
@@ -107,7 +106,7 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
         )
     for choice in choices:
         scene = load_scene(request.scene, variant=choice.variant, overrides=choice.overrides)
-        if is_lumped(scene):
+        if scene.is_lumped:
             raise click.UsageError(f"{request.scene} describes a lumped mechanism; compare takes machines of components and joints")
         if request.pose is not None and request.pose not in scene.poses:
             raise click.UsageError(f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}")

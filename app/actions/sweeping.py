@@ -27,10 +27,8 @@ from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, prepare_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance
-from headstock.scene.building.loader import load_scene
-from headstock.scene.building.studies import check_sweep_carriages
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.schema.overrides import VARIANT_JOINER
+from headstock.scene.building.loader import load_scene, prepare_sweep
+from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
@@ -165,19 +163,12 @@ def _make_job(request: SweepRequest) -> SweepJob:
         raise click.UsageError(
             f"{request.scene} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
         )
-    sweep = scene.sweeps[request.name]
-    if sweep.variant is not None:
-        joined = VARIANT_JOINER.join(filter(None, [request.variant, sweep.variant]))
-        scene = load_scene(request.scene, variant=joined, overrides=request.overrides)
-        sweep = scene.sweeps[request.name]
+    scene = prepare_sweep(scene, request.name, overrides=request.overrides)
     if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
         raise click.UsageError(
             f"{request.scene} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
         )
-    findings = Findings(str(request.scene))
-    check_sweep_carriages(scene.machine, sweep, findings)
-    findings.raise_if_any()
     warn_of_unused_accuracy(scene)
     stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
     folder = request.output or Path("results") / stem
-    return SweepJob(select_analyses(scene), sweep, folder, request.part or Part(), request.retry)
+    return SweepJob(select_analyses(scene), scene.sweeps[request.name], folder, request.part or Part(), request.retry)

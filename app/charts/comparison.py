@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, read_pixels
 from headstock.app.terminal.comparison import alike_rigid_modes
 from headstock.app.texts.error_texts import show_digits
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.views import COLORS
 from headstock.pipeline.storage.json_texts import Json
 
-DIRECTIONS = ("x", "y", "z")
 LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
 NAME_LENGTH = 60

@@ -31,7 +31,6 @@ from headstock.app.texts.error_texts import (
     show_size,
 )
 from headstock.app.texts.tables import (
-    DIRECTIONS,
     encode_csv,
     list_tables,
     overlaid_responses,
@@ -40,6 +39,7 @@ from headstock.app.texts.tables import (
     static_by_pose,
     tabulate_response,
 )
+from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.frf import ResponseCurves

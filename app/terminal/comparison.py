@@ -18,11 +18,11 @@ from headstock.app.texts.error_texts import (
     show_size,
 )
 from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
-DIRECTIONS = ("x", "y", "z")
 MISSING = "–"
 ALIKE = 0.9
 NAME_WIDTH = 40  # of the first column where there is no terminal

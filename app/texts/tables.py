@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 
 from headstock.app.texts.error_texts import bound_size
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.path import PathCurves, deviation_unit
 from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
-DIRECTIONS = ("x", "y", "z")
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
 DECADES_SHOWN = 5.0
 LEAST_TICKS = 3

@@ -11,14 +11,20 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.geometry.machine.machine import Machine, Pose, place_components, show_position
 from headstock.geometry.parts.components import Interface, Patch
 from headstock.geometry.parts.mass_properties import interface_moment
-from headstock.geometry.parts.patches import FACE_DIRECTIONS, Span, in_plane_axes, named_planar_face, patch_rects
+from headstock.geometry.parts.patches import (
+    FACE_DIRECTIONS,
+    OVERHANG_TOLERANCE,
+    Span,
+    in_plane_axes,
+    named_planar_face,
+    patch_rects,
+)
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
-OVERHANG_TOLERANCE = 1e-9
 LEAST_INTERVALS = 1.5  # station intervals per carriage length below which the carriage feels every single station
 
 
@@ -112,6 +118,32 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
             place = (frame.rotation.T @ (point - frame.origin))["xyz".index(interface.rail.along)]
             found.append(Carriage(joint.name, rail, float(place), joint.length, span))
     return tuple(found)
+
+
+def find_overhangs(machine: Machine, pose: Pose) -> dict[str, str]:
+    """Which carriages hang over an end of their rail in a pose: joint to why it cannot stand there and what to do.
+
+    Raises:
+        ValueError: The pose names an unknown axis or leaves its limits.
+        PoseError: The mechanism cannot take the pose.
+    """
+    carriages = place_carriages(machine, pose)
+    return {
+        carriage.joint: _describe_overhang(carriage)
+        for carriage in carriages
+        if carriage.overhang > OVERHANG_TOLERANCE * (carriage.span[1] - carriage.span[0])
+    }
+
+
+def _describe_overhang(carriage: Carriage) -> str:
+    low, high = carriage.span
+    half = 0.5 * carriage.length
+    return (
+        f"the carriage of joint {carriage.joint} ({show_position(carriage.length)} long) hangs {show_position(carriage.overhang)} over "
+        f"the end of rail {carriage.rail}: its middle stands at {show_position(carriage.place)}, the rail runs from {show_position(low)} "
+        f"to {show_position(high)}; keep its middle between {show_position(low + half)} and {show_position(high - half)}, or make the "
+        "rail longer"
+    )
 
 
 def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Mapping[str, Frame]) -> FloatArray | None:

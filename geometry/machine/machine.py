@@ -97,11 +97,8 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
             continue
         if name not in machine.axes:
             raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
-        low, high = machine.axes[name].limits
-        if not low <= position <= high:
-            unit = position_units(machine)[name]
-            places = [show_position(place, unit) for place in (position, low, high)]
-            raise ValueError(f"pose {pose.name!r}: axis {name} at {places[0]} is outside its limits {places[1]} .. {places[2]}")
+        if fault := find_limit_fault(name, position, machine.axes[name].limits, position_units(machine)[name]):
+            raise ValueError(f"pose {pose.name!r}: {fault}")
     frames = {name: component.placement for name, component in machine.components.items()}
     carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
     frames |= {name: compose_frames(carrier, frames[name]) for name, carrier in carriers.items() if name in frames}
@@ -121,10 +118,26 @@ def position_units(machine: Machine) -> dict[str, str]:
     return units
 
 
-def show_position(position: float, unit: str) -> str:
-    """A position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or ``rad``."""
+def show_position(position: float, unit: str = "m") -> str:
+    """A length or position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or ``rad``."""
     factor, word = SCENE_UNITS[unit]
     return f"{round(factor * position, 9) + 0.0:g} {word}"
+
+
+def find_limit_fault(axis: str, position: float, limits: tuple[float, float], unit: str) -> str:
+    """Why an axis cannot stand at a position; empty where it can.
+
+    Args:
+        axis: Its name.
+        position: Where it is to stand [m, rad].
+        limits: Lowest and highest position [m, rad].
+        unit: ``m`` or ``rad``.
+    """
+    low, high = limits
+    if low <= position <= high:
+        return ""
+    places = [show_position(place, unit) for place in (position, low, high)]
+    return f"{places[0]} is outside the limits of axis {axis}: {places[1]} to {places[2]}"
 
 
 def axis_motion(axis: Axis, position: float) -> Frame:

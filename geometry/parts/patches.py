@@ -11,6 +11,7 @@ from headstock.geometry.parts.solids import Box, HollowColumn, Plate
 
 PlanarSolid = Box | Plate | HollowColumn
 Span = tuple[float, float]
+OVERHANG_TOLERANCE = 1e-9  # how far a patch may reach over its face, or a carriage over its rail: a share of their length
 Rect = tuple[float, float, float, float]
 SignedBox = tuple[float, FloatArray, FloatArray]
 FACE_DIRECTIONS: dict[str, tuple[int, float]] = {

@@ -11,12 +11,12 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, assert_never
+from typing import assert_never
 
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
+from headstock.geometry.parts.components import Component, CouplingKind, Fidelity, ReductionSettings
 from headstock.geometry.parts.solids import MeshFile, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
@@ -44,7 +44,6 @@ from headstock.scene.requests import (
 )
 from headstock.scene.scene import Scene
 
-CouplingKind = Literal["average", "rigid"]
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach 3 times the wanted range
 # (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate reduction`.
 MODE_MARGIN = 3.0
@@ -205,14 +204,9 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     return {first: scene.poses[first]}
 
 
-def is_lumped(scene: Scene) -> bool:
-    """Whether the scene's mechanism is itself the model: rigid bodies on springs in its legs."""
-    return scene.mechanism is not None and scene.mechanism.model == "lumped"
-
-
 def _fidelity(component: Component, scene: Scene) -> Fidelity:
     """As the scene says; every body of a lumped mechanism is rigid."""
-    return "rigid" if is_lumped(scene) else component.fidelity
+    return "rigid" if scene.is_lumped else component.fidelity
 
 
 def _is_asked(pose: str, poses: tuple[str, ...]) -> bool:
@@ -247,7 +241,7 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     static, modal = scene.analyses.static, scene.analyses.modal
     counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
     parts = " at ".join(f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items())
-    if is_lumped(scene):
+    if scene.is_lumped:
         stages = [Stage("place", None, "loops closed in the pose, bodies and springs in its legs", pose=pose.name)]
     else:
         stages = [Stage("couple", None, parts, pose=pose.name)]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.planning.planner import has_choice
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
@@ -59,7 +59,7 @@ def estimate_compliance_errors(state: RunState, coupled: CoupledMachine, displac
     soft = np.einsum("im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3])
     kinds = Estimate({}, _name_kinds(state, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
     unknown = combine_estimates([name_what_is_left_out(state, coupled), kinds])
-    return {direction: combine_estimates([meshes[i], faces[i], unknown]) for i, direction in enumerate(DOF_NAMES[:3])}
+    return {direction: combine_estimates([meshes[i], faces[i], unknown]) for i, direction in enumerate(DIRECTIONS)}
 
 
 def _estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import position_units
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.planning.plan import Stage
@@ -22,7 +22,7 @@ from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.damping_errors import estimate_damping_errors
 from headstock.reduction.motions.body_motions import FreeMotion, find_free_motions, solve_machine_static, warn_of_free_motions
-from headstock.reduction.motions.compliance_budget import DIRECTIONS, find_weakest_link, point_budget
+from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped

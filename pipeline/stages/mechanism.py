@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_map
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, rigid_map
 from headstock.geometry.machine.machine import position_units
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
@@ -20,7 +20,6 @@ from headstock.pipeline.stages.lumped_machine import (
     spring_shares,
 )
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.reduction.motions.compliance_budget import DIRECTIONS
 from headstock.scene.scene import SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine, travel_directions
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
@@ -59,7 +59,7 @@ def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, s
     require_stable(driven.system, driven.trains)
     ports = friction_ports(driven.trains)
     cut = request.cut
-    pushed = () if cut is None else tuple((cut.at, dof) for dof in DOF_NAMES[:3])
+    pushed = () if cut is None else tuple((cut.at, dof) for dof in DIRECTIONS)
     band = 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
     reach = (FRICTION_REACH if ports else LINEAR_REACH) * band
     machine = state.scene.machine
@@ -110,7 +110,7 @@ def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray,
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
-    return np.array([travel_of_port(machine, directions, (point, dof)) for dof in DOF_NAMES[:3]])
+    return np.array([travel_of_port(machine, directions, (point, dof)) for dof in DIRECTIONS])
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:
@@ -122,7 +122,7 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
 def travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], port: Port) -> float:
     """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
     name, dof = port
-    if dof not in DOF_NAMES[:3]:
+    if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)
     if name not in machine.points:

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
+from headstock.geometry.parts.components import CouplingKind
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import CouplingKind, has_choice, recouple
+from headstock.pipeline.planning.planner import has_choice, recouple
 from headstock.pipeline.results.results import PoseModes
 from headstock.pipeline.stages.components import run_mesh_stage, run_reduce_stage
 from headstock.pipeline.stages.run_state import Outcome, RunState

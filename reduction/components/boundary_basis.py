@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, BoolArray, FloatArray, Frame
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, BoolArray, FloatArray, Frame
 from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
@@ -188,4 +188,4 @@ def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
     """Labels of the boundary dofs in order."""
     nodes = [(node.name, dof) for node in basis.nodes for dof in DOF_NAMES]
     stations = [(f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))]
-    return nodes + [(name, dof) for name, _, rail in stations for dof in (*DOF_NAMES[:3], DOF_NAMES[3 + rail.axis])]
+    return nodes + [(name, dof) for name, _, rail in stations for dof in (*DIRECTIONS, DOF_NAMES[3 + rail.axis])]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.body_motions import free_motion_error, join_names, rigid_dofs, split_number
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -15,7 +15,6 @@ from headstock.solvers.linear.symmetric_matrices import absolute_product
 BUDGET_LIMIT = 1e-9
 LARGEST_MISS = 1e-4  # of the work, whatever rounding may leave
 ROUNDOFF = 4.0 * float(np.finfo(float).eps)
-DIRECTIONS = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)

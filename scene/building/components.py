@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import (
     Component,
     Interface,
@@ -22,6 +23,7 @@ from headstock.geometry.parts.components import (
     SegmentSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, Solid, StepFile, SuperelementFile, Tube
 from headstock.meshing.sizing import (
@@ -54,7 +56,6 @@ FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
 # matrices from a file bring their own stiffness and mass
 NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
-OVERHANG_TOLERANCE = 1e-9
 # what only our own mesher can follow; the order of a mesh file's elements is raised and its refusals are overruled
 OWN_MESH_KEYS = ("size", "cells", "across_patches", "growth", "rim_size", "smallest")
 
@@ -249,8 +250,8 @@ def _find_overhang(
         if start < low - slack or stop > high + slack:
             outside = "outside" if stop <= low or start >= high else "beyond"
             return (
-                f"the patch reaches {outside} the face: along {'xyz'[axis]} it spans {_mm(start)} to {_mm(stop)}, "
-                f"face {table.face} {_mm(low)} to {_mm(high)}; move it or make it smaller"
+                f"the patch reaches {outside} the face: along {'xyz'[axis]} it spans {show_position(start)} to {show_position(stop)}, "
+                f"face {table.face} {show_position(low)} to {show_position(high)}; move it or make it smaller"
             )
     return ""
 
@@ -273,14 +274,10 @@ def _find_hole(table: PatchTable, center: tuple[float, float, float], solid: Sol
     x, y = abs(center[0]), abs(center[1])
     reach = math.hypot(x, y) + halves[0] if table.disk is not None else math.hypot(x + halves[0], y + halves[1])
     if reach <= 0.5 * solid.inner_diameter * (1.0 + OVERHANG_TOLERANCE):
-        return f"the patch is empty: it lies in the bore of {_mm(solid.inner_diameter)}; move it onto the ring"
+        return f"the patch is empty: it lies in the bore of {show_position(solid.inner_diameter)}; move it onto the ring"
     if reach > 0.5 * solid.outer_diameter * (1.0 + OVERHANG_TOLERANCE):
-        return f"the patch reaches beyond the round face of {_mm(solid.outer_diameter)}; move it or make it smaller"
+        return f"the patch reaches beyond the round face of {show_position(solid.outer_diameter)}; move it or make it smaller"
     return ""
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.6g} mm"
 
 
 def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:

@@ -6,7 +6,6 @@ From checked tables to drives in SI units along their axes.
 import math
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
-from headstock.scene.building.mechanism import is_lumped
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
@@ -157,7 +156,7 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
         return
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         findings.add_for("control", ("analyses", "control"), "drives are not controlled; write [effects] drive_control = true")
-    if is_lumped(scene):
+    if scene.is_lumped:
         findings.add(("analyses", "control"), "a lumped mechanism has legs, not axes with drives; remove this analysis")
     _check_sampling(scene, request.up_to, "control", "up_to", findings)
 

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.frames import DIRECTIONS
 from headstock.scene.building.drives import build_control, build_drives, build_path_cut, check_drives
 from headstock.scene.building.machine import build_machine, build_poses
 from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism
@@ -13,14 +13,21 @@ from headstock.scene.building.names import check_references
 from headstock.scene.building.path import build_path, check_path, check_path_carriages
 from headstock.scene.building.physics import check_physics
 from headstock.scene.building.rails import check_carriages
-from headstock.scene.building.studies import axis_units, build_study, build_sweep, check_sweeps, read_sweep_paths
+from headstock.scene.building.studies import (
+    axis_units,
+    build_study,
+    build_sweep,
+    check_sweep_carriages,
+    check_sweeps,
+    read_sweep_paths,
+)
 from headstock.scene.reading.axis_paths import AxisPath
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, PathRequest, StaticRequest
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_modal_damping
-from headstock.scene.schema.overrides import apply_settings, apply_values, apply_variant
+from headstock.scene.schema.overrides import VARIANT_JOINER, apply_settings, apply_values, apply_variant
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
@@ -74,6 +81,25 @@ def load_scene(
     )
     check_carriages(scene.machine, scene.poses, findings)
     check_path_carriages(scene, findings)
+    findings.raise_if_any()
+    return scene
+
+
+def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> Scene:
+    """The scene that one of its sweeps goes through: with the sweep's variant on top of its own, every carriage on its rail.
+
+    Args:
+        scene: As loaded.
+        name: Of the sweep.
+        overrides: Those with which the scene was loaded.
+
+    Raises:
+        SceneError: The variant does not fit, or a carriage hangs over the end of its rail in a pose of the sweep.
+    """
+    if variant := scene.sweeps[name].variant:
+        scene = load_scene(scene.path, variant=VARIANT_JOINER.join(filter(None, [scene.variant, variant])), overrides=overrides)
+    findings = Findings(str(scene.path))
+    check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
     return scene
 
@@ -179,5 +205,5 @@ def _follows_pose(table: SceneTable, path: PathTable) -> bool:
 
 def _expand_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:
     """Every port once, with its direction."""
-    found = [(name, dof) for name, given in ports for dof in ([given] if given else DOF_NAMES[:3])]
+    found = [(name, dof) for name, given in ports for dof in ([given] if given else DIRECTIONS)]
     return tuple(dict.fromkeys(found))

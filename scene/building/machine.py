@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.machine.joints import GROUND, Axis, Joint
-from headstock.geometry.machine.machine import Machine, Point, Pose, Probe, orient_machine
+from headstock.geometry.machine.machine import Machine, Point, Pose, Probe, find_limit_fault, orient_machine
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.scene.building.components import (
     NO_MATERIAL,
@@ -22,6 +22,7 @@ from headstock.scene.building.components import (
 from headstock.scene.building.joints import build_joint, connects, tie_bearings
 from headstock.scene.building.mechanism import build_mechanism
 from headstock.scene.building.rails import choose_stations
+from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.schema.components import PatchTable
 from headstock.scene.schema.connections import AxisTable, LoadTable, SupportTable
 from headstock.scene.schema.effects import read_gravity
@@ -72,6 +73,32 @@ def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joint
     before = reachable_from_ground(edges.values())
     after = reachable_from_ground(edge for name, edge in edges.items() if name not in own)
     return tuple(name for name in components if name in before and name not in after)
+
+
+def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
+    """Why an axis of the scene cannot stand at a position; empty where it can.
+
+    Args:
+        axis: Its name.
+        value: Length or angle as written.
+        scene: With the axis.
+    """
+    table = scene.axes[axis]
+    if fault := find_unit_fault(value, table):
+        return fault
+    if table.limits is None or value.dimension != table.limits[0].dimension:
+        return ""
+    low, high = (limit.value for limit in table.limits)
+    return find_limit_fault(axis, value.value, (low, high), value.dimension.unit)
+
+
+def find_unit_fault(value: Quantity, axis: AxisTable) -> str:
+    """Why a quantity is no position of an axis: an angle where it is linear, or a length; empty where it is one."""
+    wanted = LENGTH if axis.kind == "linear" else ANGLE
+    if value.dimension == wanted:
+        return ""
+    article = "an" if value.dimension == ANGLE else "a"
+    return f'is {article} {value.dimension.name}, but the axis is {axis.kind}; write for example "{wanted.example}"'
 
 
 def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:

@@ -105,11 +105,6 @@ def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[floa
     )
 
 
-def is_lumped(scene: SceneTable) -> bool:
-    """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
-    return scene.mechanism is not None and scene.mechanism.model == "lumped"
-
-
 def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
     """Report what is wrong with a mechanism and the poses it is to take."""
     table = scene.mechanism
@@ -144,7 +139,7 @@ def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTabl
             if name in seen:
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
             seen[name] = mark
-    if is_lumped(scene):
+    if scene.is_lumped:
         for name in scene.loads:
             findings.add(("loads", name), 'the lumped model takes no loads but gravity; remove it, or write model = "components"')
         for name, point in scene.points.items():
@@ -186,7 +181,7 @@ def _check_map(scene: SceneTable, findings: Findings) -> None:
     if request is None:
         return
     key = ("analyses", "map")
-    if not is_lumped(scene):
+    if not scene.is_lumped:
         findings.add(key, "a map is made of a lumped mechanism; this scene has none")
     sweep = scene.sweeps.get(request.sweep)
     if sweep is None:
@@ -211,7 +206,7 @@ def _check_contouring(scene: SceneTable, folder: Path, findings: Findings) -> No
         return
     _check_regeneration(scene, table, findings)
     key = ("analyses", "contouring")
-    if not is_lumped(scene):
+    if not scene.is_lumped:
         findings.add(key, "contours are run on a lumped mechanism; this scene has none")
     cutting = bool(scene.effects.get("cutting_force"))
     if (table.material is not None and table.forces is not None) or (cutting and table.material is None and table.forces is None):
@@ -229,7 +224,7 @@ def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
     if not scene.effects.get(GRAVITY_STIFFENING):
         return
     key = ("effects", GRAVITY_STIFFENING)
-    if not is_lumped(scene):
+    if not scene.is_lumped:
         findings.add(key, "is known for lumped mechanisms only: components have no geometric stiffness in this version; remove it")
     elif not scene.effects.get("gravity"):
         findings.add(key, "comes from gravity; write [effects] gravity = true as well")

@@ -1,11 +1,10 @@
 """The path of a path analysis, and checks of it: axes, limits, feeds and carriages on their rails."""
 
-from headstock.geometry.machine.carriages import place_carriages
-from headstock.geometry.machine.machine import MachinePath, Pose, show_position
-from headstock.scene.building.rails import SLACK, describe_overhang
+from headstock.geometry.machine.carriages import find_overhangs
+from headstock.geometry.machine.machine import MachinePath, Pose
+from headstock.scene.building.machine import find_position_fault
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import LENGTH
 from headstock.scene.scene import Scene, list_analyses
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
@@ -32,7 +31,12 @@ def check_path(scene: SceneTable, findings: Findings) -> None:
         return
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis, value in stops.items():
-            if fault := _find_stop_fault(axis, value.value, value.dimension == LENGTH, scene):
+            if axis not in scene.axes:
+                continue  # reported with the other names
+            fault = find_position_fault(axis, value, scene)
+            if scene.axes[axis].kind != "linear":
+                fault = "a path moves linear axes only; name another axis, and give this one its place by pose"
+            if fault:
                 findings.add((*KEY, end, axis), fault)
     if table.pose_changes == "followed" and scene.drives and scene.effects.get("drive_control", False) is not False:
         text = 'drives under control are closed in the pose of the middle; write "frozen", or leave the effect drive_control away'
@@ -49,25 +53,8 @@ def check_path_carriages(scene: Scene, findings: Findings) -> None:
     if request is None:
         return
     for end, pose in (("from", request.path.start), ("to", request.path.end)):
-        for carriage in place_carriages(scene.machine, pose):
-            if carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0]):
-                findings.add((*KEY, end), describe_overhang(carriage))
-
-
-def _find_stop_fault(axis: str, value: float, is_length: bool, scene: SceneTable) -> str:
-    """Why an axis cannot stand where a path has it; empty where it can."""
-    if axis not in scene.axes:
-        return ""  # reported with the other names
-    table = scene.axes[axis]
-    if table.kind != "linear":
-        return "a path moves linear axes only; name another axis, and give this one its place by pose"
-    if not is_length:
-        return f'is no length, but the axis is linear; write for example "{LENGTH.example}"'
-    low, high = (limit.value for limit in table.limits) if table.limits is not None else (value, value)
-    if not low <= value <= high:
-        places = [show_position(place, "m") for place in (value, low, high)]
-        return f"the path leaves the range of axis {axis}: {places[0]} is outside {places[1]} to {places[2]}"
-    return ""
+        for fault in find_overhangs(scene.machine, pose).values():
+            findings.add((*KEY, end), fault)
 
 
 def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> None:

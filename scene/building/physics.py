@@ -7,7 +7,6 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND
-from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import weigh_modes
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
@@ -22,8 +21,7 @@ from headstock.scene.building.components import (
     find_segment_faults,
 )
 from headstock.scene.building.joints import build_joint, connects, find_joint_faults
-from headstock.scene.building.machine import Edge, floating_groups, moved_components
-from headstock.scene.building.mechanism import is_lumped
+from headstock.scene.building.machine import Edge, find_position_fault, find_unit_fault, floating_groups, moved_components
 from headstock.scene.building.names import is_known_end, sound_joints
 from headstock.scene.building.rails import check_rails
 from headstock.scene.reading.findings import Findings
@@ -58,7 +56,7 @@ def check_physics(scene: SceneTable, folder: Path, findings: Findings, *, comple
     _check_probes(scene, findings)
     _check_joints(scene, findings)
     check_rails(scene, solids, findings)
-    if complete and not is_lumped(scene):
+    if complete and not scene.is_lumped:
         _check_floating(scene, findings)
     _check_axes(scene, findings, complete=complete)
     _check_poses(scene, findings)
@@ -174,7 +172,8 @@ def _check_axes(scene: SceneTable, findings: Findings, *, complete: bool) -> Non
         key: KeyPath = ("axes", name)
         wanted = LENGTH if axis.kind == "linear" else ANGLE
         for index, limit in enumerate(axis.limits or ()):
-            _check_axis_value((*key, "limits", index), limit, axis, findings)
+            if fault := find_unit_fault(limit, axis):
+                findings.add((*key, "limits", index), fault)
         limits = axis.limits or ()
         if limits and all(limit.dimension == wanted for limit in limits) and limits[0].value >= limits[1].value:
             findings.add((*key, "limits"), "the lower limit must be below the upper one")
@@ -229,29 +228,15 @@ def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[s
             )
 
 
-def _check_axis_value(key: KeyPath, value: Quantity, axis: AxisTable, findings: Findings) -> None:
-    wanted = LENGTH if axis.kind == "linear" else ANGLE
-    if value.dimension != wanted:
-        article = "an" if value.dimension == ANGLE else "a"
-        findings.add(key, f'is {article} {value.dimension.name}, but the axis is {axis.kind}; write for example "{wanted.example}"')
-
-
 def _check_poses(scene: SceneTable, findings: Findings) -> None:
     values: list[tuple[KeyPath, str, Quantity]] = []
     for pose, positions in scene.poses.items():
         values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
     for sweep, table in scene.sweeps.items():
         values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
-    for key, name, value in values:
-        if name not in scene.axes:
-            continue
-        axis_table = scene.axes[name]
-        _check_axis_value(key, value, axis_table, findings)
-        if axis_table.limits is not None and value.dimension == axis_table.limits[0].dimension:
-            low, high = (limit.value for limit in axis_table.limits)
-            if not low <= value.value <= high:
-                places = [show_position(place, value.dimension.unit) for place in (value.value, low, high)]
-                findings.add(key, f"{places[0]} is outside the limits of axis {name}: {places[1]} to {places[2]}")
+    for key, axis, value in values:
+        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
+            findings.add(key, fault)
 
 
 def _check_effects(scene: SceneTable, findings: Findings) -> None:

@@ -1,10 +1,12 @@
 """Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
 
 import math
+from collections.abc import Mapping
 
-from headstock.geometry.machine.carriages import LEAST_INTERVALS, Carriage, count_stations, place_carriages, rail_span
+from headstock.geometry.machine.carriages import LEAST_INTERVALS, count_stations, find_overhangs, rail_span
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.machine.machine import Machine, Pose, show_position
+from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.building.components import build_interface
@@ -16,7 +18,6 @@ from headstock.scene.schema.connections import JointTable
 from headstock.scene.schema.scene import SceneTable
 
 DEFAULT_INTERVALS = 2.5  # station intervals per carriage length: docs/guideways.md says what more or fewer give
-SLACK = 1e-9
 
 Ends = dict[tuple[str, str], list[str]]
 
@@ -67,23 +68,11 @@ def check_rails(scene: SceneTable, solids: dict[str, Solid], findings: Findings)
             findings.add(("joints", name, *fault[0]), fault[1])
 
 
-def check_carriages(machine: Machine, poses: dict[str, Pose], findings: Findings) -> None:
+def check_carriages(machine: Machine, poses: Mapping[str, Pose], findings: Findings) -> None:
     """Report every carriage that hangs over the end of its rail in a pose of the scene."""
     for name, pose in poses.items():
-        for carriage in place_carriages(machine, pose):
-            if carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0]):
-                key: KeyPath = ("poses", name) if pose.positions else ("joints", carriage.joint)
-                findings.add(key, describe_overhang(carriage))
-
-
-def describe_overhang(carriage: Carriage) -> str:
-    """Why a carriage cannot stand where it does, and what to do."""
-    low, high = carriage.span
-    return (
-        f"the carriage of joint {carriage.joint} ({_mm(carriage.length)} long) hangs {_mm(carriage.overhang)} over the end of rail "
-        f"{carriage.rail}: its middle stands at {_mm(carriage.place)}, the rail runs from {_mm(low)} to {_mm(high)}; keep its middle "
-        f"between {_mm(low + 0.5 * carriage.length)} and {_mm(high - 0.5 * carriage.length)}, or make the rail longer"
-    )
+        for joint, fault in find_overhangs(machine, pose).items():
+            findings.add(("poses", name) if pose.positions else ("joints", joint), fault)
 
 
 def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints: list[str], findings: Findings) -> None:
@@ -108,16 +97,17 @@ def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints:
     if span is None or shortest is None:
         return
     for joint in joints:
-        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (1.0 + SLACK):
-            text = f"the carriage ({_mm(length)}) is longer than rail {component}.{name} ({_mm(span[1] - span[0])})"
+        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (1.0 + OVERHANG_TOLERANCE):
+            text = f"the carriage ({show_position(length)}) is longer than rail {component}.{name} ({show_position(span[1] - span[0])})"
             findings.add(("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter")
     _warn_of_segments(key, scene.components[component], solid, shortest, findings)
     least = default_stations(span, shortest, LEAST_INTERVALS)
     if table.rail.stations is not None and table.rail.stations < least and scene.components[component].fidelity == "elastic":
         findings.add(
             (*key, "stations"),
-            f"{table.rail.stations} stations on {_mm(span[1] - span[0])} are too few for a carriage of {_mm(shortest)}, which would feel "
-            f"them pass; write at least {least}, better {default_stations(span, shortest)}, or leave stations away",
+            f"{table.rail.stations} stations on {show_position(span[1] - span[0])} are too few for a carriage of "
+            f"{show_position(shortest)}, which would feel them pass; write at least {least}, better "
+            f"{default_stations(span, shortest)}, or leave stations away",
         )
 
 
@@ -132,8 +122,8 @@ def _warn_of_segments(key: KeyPath, table: ComponentTable, solid: Solid, shortes
     if shortest < length / table.segments.count:
         findings.warn(
             key,
-            f"a carriage of {_mm(shortest)} is shorter than a segment of {_mm(length / table.segments.count)} and feels its ends pass; "
-            f"write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
+            f"a carriage of {show_position(shortest)} is shorter than a segment of {show_position(length / table.segments.count)} and feels "
+            f"its ends pass; write segments = {{ count = {math.ceil(2.0 * length / shortest)} }}",
         )
 
 
@@ -157,7 +147,3 @@ def _is_from_file(end: JointEnd, scene: SceneTable) -> bool:
 
 def _span_of(table: InterfaceTable, solid: Solid) -> tuple[float, float] | None:
     return rail_span(solid, build_interface("", table, solid))
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.6g} mm"

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.errors import PoseError
-from headstock.geometry.machine.carriages import place_carriages
-from headstock.geometry.machine.machine import Machine, show_position
+from headstock.geometry.machine.carriages import find_overhangs
+from headstock.geometry.machine.machine import Machine, find_limit_fault
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
-from headstock.scene.building.rails import SLACK, describe_overhang
 from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
@@ -87,15 +86,13 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
     for number in range(len(sweep.positions)):
         pose = sweep_pose(sweep, number)
         try:
-            carriages = place_carriages(machine, pose)
+            overhangs = find_overhangs(machine, pose)
         except PoseError:
             continue  # out of the mechanism's reach: blank in the maps
-        for carriage in carriages:
-            over = carriage.overhang > SLACK * (carriage.span[1] - carriage.span[0])
-            if over and carriage.joint not in told and len(told) < OVERHANGS_TOLD:
-                told.add(carriage.joint)
-                key: KeyPath = ("sweeps", sweep.name)
-                findings.add(key, f"in pose {pose.name} {describe_overhang(carriage)}")
+        for joint, fault in overhangs.items():
+            if joint not in told and len(told) < OVERHANGS_TOLD:
+                told.add(joint)
+                findings.add(("sweeps", sweep.name), f"in pose {pose.name} {fault}")
 
 
 def _waypoints(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> list[dict[str, float]]:
@@ -162,10 +159,10 @@ def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units
     outside = np.flatnonzero((path.positions[:, column] < low) | (path.positions[:, column] > high))
     if not len(outside):
         return ""
-    first, unit = int(outside[0]), path.units[column]
+    first = int(outside[0])
     more = f" ({len(outside) - 1} rows more)" if len(outside) > 1 else ""
-    places = [show_position(float(place), unit) for place in (path.positions[first, column], low, high)]
-    return f"{path.name}:{path.lines[first]}: {places[0]} is outside the limits of axis {axis}: {places[1]} to {places[2]}{more}"
+    fault = find_limit_fault(axis, float(path.positions[first, column]), (low, high), path.units[column])
+    return f"{path.name}:{path.lines[first]}: {fault}{more}"
 
 
 def build_study(name: str, table: StudyTable) -> Study:

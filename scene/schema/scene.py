@@ -237,3 +237,8 @@ class SceneTable(StrictTable):
     limits: LimitsTable = LimitsTable()
     accuracy: AccuracyEntry | None = None
     free: Flag = False
+
+    @property
+    def is_lumped(self) -> bool:
+        """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints have no part in it."""
+        return self.mechanism is not None and self.mechanism.model == "lumped"

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from headstock.pipeline.planning.planner import is_lumped
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings, suggest_names
@@ -230,7 +229,7 @@ def _load_variant(
         findings.add(("cases", name, "variant"), text)
     if not unknown:
         scene = written if entry.variant is None else load_scene(written.path, variant=entry.variant, overrides=overrides)
-        if is_lumped(scene):
+        if scene.is_lumped:
             key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
             findings.add(key, 'is a lumped mechanism, which has no joints to fit; name a variant with model = "components"')
         scenes[entry.variant] = scene

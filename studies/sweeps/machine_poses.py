@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError, PoseError
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.planning.plan import Stage
@@ -19,7 +19,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
-from headstock.reduction.motions.compliance_budget import DIRECTIONS, point_budget
+from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import ModalRequest
 from headstock.solvers.linear.modal_analysis import solve_lowest_modes

@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.plan import Stage, StageKind
-from headstock.pipeline.planning.planner import is_lumped
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.runner import HANDLERS, LUMPED_HANDLERS
 from headstock.pipeline.stages.run_state import RunState
@@ -127,7 +126,7 @@ def collect_results(
     if shapes.shape[2]:
         modes = SweptModes(
             frequencies_hz=_pad([result.frequencies_hz for result in found]),
-            fields=shapes if is_lumped(scene) else weigh_shapes(shapes, superelements),
+            fields=shapes if scene.is_lumped else weigh_shapes(shapes, superelements),
             wanted=np.array([result.wanted for result in found], dtype=np.int64),
             rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
         )
@@ -252,7 +251,7 @@ def _solve_pose(state: RunState, results: SweepResults, number: int, *, with_sta
     scene = dataclasses.replace(state.scene, analyses=Analyses(modal=ModalRequest(count=count), static=static))
     plan = dataclasses.replace(state.plan, poses={pose.name: pose})
     alone = RunState(scene, plan, MPI.COMM_SELF, state.store, reduced=state.reduced)
-    lumped = is_lumped(scene)
+    lumped = scene.is_lumped
     handlers = LUMPED_HANDLERS if lumped else HANDLERS
     stages: list[StageKind] = ["place", "modal"] if lumped else ["couple", "modal"]
     if static is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.planning.planner import is_lumped, plan_scene
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.runner import HANDLERS, Observer
 from headstock.pipeline.stages.run_state import RunState
@@ -181,7 +181,7 @@ def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple
 def _solve_poses(
     job: SweepJob, state: RunState, superelements: dict[str, Superelement], numbers: list[int]
 ) -> Iterator[PoseResult]:
-    if not is_lumped(job.scene):
+    if not job.scene.is_lumped:
         shared = share_machine(state, superelements)
         for number in numbers:
             yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])

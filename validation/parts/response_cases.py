@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Material, ReductionSettings
@@ -40,7 +40,7 @@ TO_HZ = 800.0
 FREQUENCIES = np.array([0.0, 10.0, 100.0, 128.0, 250.0, 326.0, 600.0, 779.0, 800.0, 1000.0, 1200.0])
 LOSS_FACTOR = 0.04
 RESPONSE_TOLERANCE = 1e-2
-PORTS = tuple(("tip", dof) for dof in DOF_NAMES[:3])
+PORTS = tuple(("tip", dof) for dof in DIRECTIONS)
 ROD_ELEMENTS, STEPS_PER_PERIOD, PERIODS = 100, 1000, 3
 # A triangle's corner is made of all its waves: N right modes with the static compliance of the others lack 2 / (pi^2 N) of the static
 # displacement there, and what a mesh carries beyond its reach comes late. Of n quadratic elements a tenth of the modes are right: the
