@@ -13,8 +13,8 @@ import scipy.io
 from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.runner import HANDLERS
-from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.components import make_superelements
+from headstock.pipeline.stages.machine import damp_system, run_couple_stage
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.outputs import OutputError, check_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
@@ -56,9 +56,10 @@ def export_state_space(
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     wanted = dataclasses.replace(scene, analyses=Analyses(frf=request))
     state = RunState(wanted, plan_scene(wanted), comm, Store(default_store_root()))
+    make_superelements(state)
     for stage in state.plan.stages:
-        if stage.component is not None or stage.kind == "couple":
-            HANDLERS[stage.kind](state, stage)
+        if stage.kind == "couple":
+            run_couple_stage(state, stage)
     text = ""
     if state.is_root:
         if state.coupled is None:
@@ -124,12 +125,10 @@ def export_superelement(
     if component not in plan.components:
         raise ModelError(f"the scene has no component {component!r}; components: {', '.join(plan.components)}")
     state = RunState(scene, plan, comm, store or Store(default_store_root()))
-    for stage in plan.stages:
-        if stage.component == component:
-            HANDLERS[stage.kind](state, stage)
+    made = make_superelements(state, only=[component])
     text = ""
     if state.is_root:
-        superelement = state.reduced[component].superelement
+        superelement = made[component]
         write_superelement(path, superelement, origin)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

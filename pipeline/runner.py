@@ -1,31 +1,21 @@
 """Running exactly the stages of a plan, on one or many ranks."""
 
 import dataclasses
-import functools
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from mpi4py import MPI
 
-from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.meshing.errors import MeshError
 from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.stages.components import (
-    run_load_stage,
-    run_mesh_stage,
-    run_reduce_stage,
-    run_rigid_stage,
-    run_segment_stage,
-)
+from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
@@ -39,7 +29,7 @@ from headstock.pipeline.stages.mechanism import (
 )
 from headstock.pipeline.stages.path import run_path_stage
 from headstock.pipeline.stages.probes import run_recover_stage
-from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState
+from headstock.pipeline.stages.run_state import Announcer, Observer, Outcome, ReducedComponent, RunState, run_stage
 from headstock.pipeline.stages.spread import run_spread_stage
 from headstock.pipeline.stages.volume_files import write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
@@ -50,15 +40,8 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.scene import Scene
 from headstock.solvers.ranks import share_from_root
 
-Observer = Callable[[StageRecord], None]
-Announcer = Callable[[Stage], None]
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
-    "mesh": run_mesh_stage,
-    "reduce": run_reduce_stage,
-    "rigid": run_rigid_stage,
-    "segment": run_segment_stage,
-    "load": run_load_stage,
     "couple": run_couple_stage,
     "static": run_static_stage,
     "recover": run_recover_stage,
@@ -109,12 +92,12 @@ def run_scene(
     """
     if comm.rank == 0:
         prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
-    rounds = _Rounds(comm, store or Store(default_store_root()), observer, announce)
+    rounds = _Rounds(scene.limits.time_s, comm, store or Store(default_store_root()), observer=observer, announce=announce)
     state = _run_rounds(scene, rounds)
     state.provenance = provenance
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
     with PendingOutputs() as pending:
-        rounds.run_stage(state, state.plan.stages[-1], lambda: _write(state, output, pending))
+        rounds.run_stage(state, state.plan.stages[-1], lambda state, stage: _write(state, output, pending))
         results = gather_results(state, tuple(rounds.records))
         if state.is_root:
             publish_summary(pending, output, results)
@@ -128,8 +111,8 @@ def run_scene(
 class _Rounds:
     """Runs stages and keeps their records: once, or in as many rounds as an accuracy needs."""
 
-    def __init__(self, comm: MPI.Comm, store: Store, observer: Observer, announce: Announcer) -> None:
-        self.comm, self.store, self.observer, self.announce = comm, store, observer, announce
+    def __init__(self, limit_s: float | None, comm: MPI.Comm, store: Store, *, observer: Observer, announce: Announcer) -> None:
+        self.limit_s, self.comm, self.store, self.observer, self.announce = limit_s, comm, store, observer, announce
         self.records: list[StageRecord] = []
         self._start = time.perf_counter()
 
@@ -138,28 +121,23 @@ class _Rounds:
         state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
         for message in (*scene.warnings, *plan.warnings):
             state.warn(message)
+        if reduced is None:
+            make_superelements(state, announce=self._begin, observer=self._record)
         for stage in plan.stages[:-1]:
-            if reduced is None or stage.component is None:
-                check_elapsed(time.perf_counter() - self._start, scene.limits.time_s, stage)
+            if stage.component is None:
                 handlers = HANDLERS if state.placed is None else LUMPED_HANDLERS
-                self.run_stage(state, stage, functools.partial(handlers[stage.kind], state, stage))
+                self.run_stage(state, stage, handlers[stage.kind])
         return state
 
-    def run_stage(self, state: RunState, stage: Stage, work: Callable[[], Outcome]) -> None:
-        """Announce a stage, do its work, and record what it cost."""
-        if state.is_root:
+    def run_stage(self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]) -> None:
+        """Announce a stage of the machine, do its work, and record what it cost."""
+        run_stage(state, stage, work, announce=self._begin, observer=self._record)
+
+    def _begin(self, stage: Stage) -> None:
+        if stage.kind != "write":
+            check_elapsed(time.perf_counter() - self._start, self.limit_s, stage)
+        if self.comm.rank == 0:
             self.announce(stage)
-        with measure() as cost:
-            try:
-                outcome = work()
-            except Exception as error:
-                if lacks_memory(error) and not isinstance(error, MeshError):
-                    raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
-                raise
-        if state.is_root:
-            self._record(
-                StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds)
-            )
 
     def note(self, stage: Stage, change: str) -> None:
         """Record a decision, which costs nothing."""

@@ -15,18 +15,20 @@ from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.results import ComponentFacts
-from headstock.pipeline.runner import HANDLERS, gather_facts
-from headstock.pipeline.stages.components import ELASTIC_MODULE
+from headstock.pipeline.runner import gather_facts
+from headstock.pipeline.stages.components import ELASTIC_MODULE, make_superelements
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink, find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import name_modes
+from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.scene.requests import ModalRequest
@@ -142,11 +144,10 @@ def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: 
             comm, load_scene(path, variant=choice.variant, overrides=choice.overrides) if comm.rank == 0 else None
         )
         state = RunState(scene, plan_scene(scene), comm, store)
-    effort = _make_components(state)
+    effort, superelements = _make_components(state)
     if not state.is_root:
         return None
     stands = choose_pose(scene, pose)
-    superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
     with measure() as coupling:
         coupled = couple(superelements, scene.machine, stands, gravity=state.plan.gravity)
     with measure() as solving:
@@ -183,24 +184,21 @@ def choose_pose(scene: Scene, name: str | None) -> Pose:
     return scene.poses[name]
 
 
-def _make_components(state: RunState) -> Effort:
-    """Run the stages that make superelements; importing the finite elements is measured apart."""
-    imports, work = 0.0, Cost()
-    reduced = stored = 0
-    for stage in state.plan.stages:
-        if stage.component is None:
-            continue
-        if stage.kind == "reduce":
-            reduced += 1
-            stored += stage.component not in state.meshes
-            if stage.component in state.meshes:
-                with measure() as importing:
-                    importlib.import_module(ELASTIC_MODULE)
-                imports += importing.seconds
-        with measure() as cost:
-            HANDLERS[stage.kind](state, stage)
-        work = Cost(work.seconds + cost.seconds, work.cpu_seconds + cost.cpu_seconds)
-    return Effort({"components": work.seconds}, {"components": work.cpu_seconds}, imports, reduced, stored)
+def _make_components(state: RunState) -> tuple[Effort, dict[str, Superelement]]:
+    """Superelements and what they cost; importing the finite elements is measured apart."""
+    imports: list[float] = []
+    records: list[StageRecord] = []
+
+    def import_elements(stage: Stage) -> None:
+        if stage.kind == "reduce" and stage.component in state.meshes:
+            with measure() as importing:
+                importlib.import_module(ELASTIC_MODULE)
+            imports.append(importing.seconds)
+
+    superelements = make_superelements(state, announce=import_elements, observer=records.append)
+    stored = [record.cached for record in records if record.stage.kind == "reduce"]
+    seconds, cpu_seconds = sum(record.seconds for record in records), sum(record.cpu_seconds for record in records)
+    return Effort({"components": seconds}, {"components": cpu_seconds}, sum(imports), len(stored), sum(stored)), superelements
 
 
 def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:

@@ -5,6 +5,7 @@ Superelements in the store: one that holds more than is asked for serves, cut do
 
 import dataclasses
 import importlib
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import cast
 
@@ -18,7 +19,16 @@ from headstock.meshing.components.meshing import describe_component, mesh_compon
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState, component_loads, component_supports
+from headstock.pipeline.stages.run_state import (
+    Announcer,
+    Observer,
+    Outcome,
+    ReducedComponent,
+    RunState,
+    component_loads,
+    component_supports,
+    run_stage,
+)
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
 from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_entry, write_entry
 from headstock.pipeline.storage.superelements import read_superelement
@@ -93,7 +103,34 @@ def _read_extent(key: str) -> ReductionExtent | None:
         return None
 
 
-def run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
+def make_superelements(
+    state: RunState,
+    *,
+    only: Collection[str] | None = None,
+    announce: Announcer = lambda stage: None,
+    observer: Observer = lambda record: None,
+) -> dict[str, Superelement]:
+    """Run the stages of a plan that turn components into superelements; collective.
+
+    Args:
+        state: Of the run; its reduced components are added to it.
+        only: Names of components; None for all.
+        announce: Called with each stage before it begins, on every rank.
+        observer: Called with the record of each stage as it ends, on rank 0.
+
+    Returns:
+        Superelements of all components that are reduced by now, in the order of the plan; complete on rank 0 only.
+
+    Raises:
+        HeadstockError: A component cannot be meshed or reduced.
+    """
+    for stage in state.plan.stages:
+        if stage.component is not None and (only is None or stage.component in only):
+            run_stage(state, stage, COMPONENT_STAGES[stage.kind], announce=announce, observer=observer)
+    return {name: state.reduced[name].superelement for name in state.plan.components if name in state.reduced}
+
+
+def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
     """Mesh a component, unless its superelement or its mesh is in the store; every rank gets the mesh it will need."""
     component = _component(state, stage)
     outcome = Outcome()
@@ -110,7 +147,7 @@ def run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
     return outcome
 
 
-def run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
+def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     """Assemble and reduce a component on all ranks, unless its superelement is in the store."""
     component = _component(state, stage)
     if component.name not in state.meshes:
@@ -129,7 +166,7 @@ def run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome(detail=_describe(superelement))
 
 
-def run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
+def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     """Make a rigid superelement from a component's mass properties."""
     if state.is_root:
         component = _component(state, stage)
@@ -139,7 +176,7 @@ def run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome()
 
 
-def run_segment_stage(state: RunState, stage: Stage) -> Outcome:
+def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
     """Cut a component into a row of rigid segments on beam springs."""
     if state.is_root:
         component = _component(state, stage)
@@ -151,7 +188,7 @@ def run_segment_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome()
 
 
-def run_load_stage(state: RunState, stage: Stage) -> Outcome:
+def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
     """Read an imported superelement and check it like one of our own."""
     if state.is_root:
         component = _component(state, stage)
@@ -160,6 +197,15 @@ def run_load_stage(state: RunState, stage: Stage) -> Outcome:
         state.reduced[component.name] = ReducedComponent(superelement)
         return Outcome(detail=_describe(superelement))
     return Outcome()
+
+
+COMPONENT_STAGES: dict[str, Callable[[RunState, Stage], Outcome]] = {
+    "mesh": _run_mesh_stage,
+    "reduce": _run_reduce_stage,
+    "rigid": _run_rigid_stage,
+    "segment": _run_segment_stage,
+    "load": _run_load_stage,
+}
 
 
 def _component(state: RunState, stage: Stage) -> Component:

@@ -1,15 +1,18 @@
 """What a run has made so far; handed from stage to stage."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from mpi4py import MPI
 
-from headstock.geometry.errors import printable
+from headstock.geometry.errors import lacks_memory, out_of_memory, printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
-from headstock.pipeline.planning.plan import Plan
+from headstock.meshing.errors import MeshError
+from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
+from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
@@ -99,6 +102,42 @@ class Outcome:
 
     cached: bool = False
     detail: str = ""
+
+
+Announcer = Callable[[Stage], None]
+Observer = Callable[[StageRecord], None]
+
+
+def run_stage(
+    state: RunState,
+    stage: Stage,
+    work: Callable[[RunState, Stage], Outcome],
+    *,
+    announce: Announcer = lambda stage: None,
+    observer: Observer = lambda record: None,
+) -> None:
+    """Do the work of a stage and measure what it costs.
+
+    Args:
+        state: Of the run.
+        stage: As planned.
+        work: Collective; adds to the state.
+        announce: Called with the stage before it begins, on every rank.
+        observer: Called with the record of the stage as it ends, on rank 0.
+
+    Raises:
+        HeadstockError: The work failed, or the memory was not enough for it.
+    """
+    announce(stage)
+    with measure() as cost:
+        try:
+            outcome = work(state, stage)
+        except Exception as error:
+            if lacks_memory(error) and not isinstance(error, MeshError):
+                raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
+            raise
+    if state.is_root:
+        observer(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds))
 
 
 def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:

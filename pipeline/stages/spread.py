@@ -9,7 +9,7 @@ from headstock.geometry.parts.components import CouplingKind
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import has_choice, recouple
 from headstock.pipeline.results.results import PoseModes
-from headstock.pipeline.stages.components import run_mesh_stage, run_reduce_stage
+from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
@@ -45,11 +45,7 @@ def _reduce_all(state: RunState, kind: CouplingKind) -> dict[str, Superelement]:
     parts = {name: recouple(part, kind) if has_choice(part) else part for name, part in state.plan.components.items()}
     plan = dataclasses.replace(state.plan, components=parts)
     other = dataclasses.replace(state, plan=plan, meshes={}, reduced=dict(state.reduced))
-    for name, part in state.plan.components.items():
-        if has_choice(part):
-            run_mesh_stage(other, Stage("mesh", name, "spread"))
-            run_reduce_stage(other, Stage("reduce", name, "spread"))
-    return {name: reduced.superelement for name, reduced in other.reduced.items()}
+    return make_superelements(other, only=[name for name, part in state.plan.components.items() if has_choice(part)])
 
 
 def _solve(state: RunState, pose: Pose, elements: dict[str, Superelement], count: int, places: dict[str, BodyPlaces]) -> ModeSet:

@@ -12,10 +12,9 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.runner import HANDLERS
+from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.store import Store
-from headstock.reduction.superelement import Superelement
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
@@ -28,7 +27,6 @@ from headstock.studies.identification.statistics import FitStatistics, assess
 from headstock.studies.identification.target_files import LoadedTask
 from headstock.studies.identification.targets import Parameter, TargetCase
 
-COMPONENT_STAGES = ("mesh", "reduce", "rigid", "segment", "load")
 UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
 
@@ -174,7 +172,7 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     for case in loaded.task.cases:
         if case.variant not in scenes:
             scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
-            superelements = reduce_components(scene, store, comm)
+            superelements = make_superelements(RunState(scene, plan_scene(scene), comm, store))
             scenes[case.variant] = make_parametric(scene, superelements, loaded.task.parameters, scenes.values())
         poses = loaded.scenes[case.variant].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
@@ -182,15 +180,6 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     problem = FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
     check_bounds(problem, loaded.findings)
     return problem
-
-
-def reduce_components(scene: Scene, store: Store, comm: MPI.Comm) -> dict[str, Superelement]:
-    """Superelements of a scene's components, elastic ones from the store where they are there."""
-    state = RunState(scene, plan_scene(scene), comm, store)
-    for stage in state.plan.stages:
-        if stage.kind in COMPONENT_STAGES:
-            HANDLERS[stage.kind](state, stage)
-    return {name: state.reduced[name].superelement for name in state.plan.components}
 
 
 def identify(problem: FitProblem, name: str, observer: Callable[[StartRecord], None] = lambda record: None) -> Identification:

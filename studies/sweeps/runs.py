@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import measure
-from headstock.pipeline.runner import HANDLERS, Observer
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.components import make_superelements
+from headstock.pipeline.stages.run_state import Observer, RunState
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -163,17 +161,9 @@ def _find_waiting(job: SweepJob, key: str) -> list[int]:
 def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple[RunState, dict[str, Superelement]]:
     """Reduce every component, or take it from the store; every rank gets all superelements, without what pictures need."""
     state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
-    for message in (*job.scene.warnings, *state.plan.warnings):
-        state.warn(message)
-    for stage in state.plan.stages:
-        if stage.component is not None:
-            with measure() as cost:
-                outcome = HANDLERS[stage.kind](state, stage)
-            if state.is_root:
-                observer(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail))
     light = {
-        name: dataclasses.replace(reduced.superelement, recovery=None, recovery_points=None)
-        for name, reduced in state.reduced.items()
+        name: dataclasses.replace(superelement, recovery=None, recovery_points=None)
+        for name, superelement in make_superelements(state, observer=observer).items()
     }
     return state, share_from_root(comm, light if state.is_root else None)
 

@@ -26,10 +26,12 @@ from headstock.geometry.parts.components import (
     SegmentSettings,
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile
+from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import HANDLERS, run_scene
+from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
+from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage import content_keys
 from headstock.pipeline.storage.store import Store
@@ -352,8 +354,9 @@ def column_of(scene: Scene, store: Path) -> tuple[Superelement, bool]:
     """The column's superelement, and whether it was taken from the store."""
     plan = plan_scene(scene)
     state = RunState(scene, plan, MPI.COMM_SELF, Store(store))
-    outcomes = [HANDLERS[stage.kind](state, stage) for stage in plan.stages if stage.component == "column"]
-    return state.reduced["column"].superelement, all(outcome.cached for outcome in outcomes)
+    records: list[StageRecord] = []
+    made = make_superelements(state, only=["column"], observer=records.append)
+    return made["column"], all(record.cached for record in records)
 
 
 def assert_same_numbers(one: Any, other: Any, path: str = "superelement") -> None:
