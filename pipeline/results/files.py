@@ -11,13 +11,13 @@ import h5py
 import numpy as np
 
 from headstock.pipeline.results.frf import ResponseCurves, fill_curves, parse_curves
-from headstock.pipeline.storage.json_texts import Json, check_finite, dump_json
-from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.results.path import PathCurves, fill_path, parse_path
-from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
-from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.results.results import PoseModes, Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.storage.json_texts import Json, check_finite, dump_json
+from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
+from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
 
 FORMAT = "headstock results"
 VERSION = 1

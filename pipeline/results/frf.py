@@ -11,8 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.linear.frequency_response import convert_receptance
-from headstock.solvers.second_order import ComplexArray, Motion, Port
-from headstock.solvers.second_order import name_port
+from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 Spacing = Literal["linear", "log"]
 UM_PER_KN = 1e9  # m/N

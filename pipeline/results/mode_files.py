@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.parts.skins import Skin
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
+from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import replace_outputs
 
 MODES_FOLDER = "modes"

@@ -9,10 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import split_port
 from headstock.pipeline.storage.json_texts import Json
-from headstock.solvers.paths.response import ZoneFigures
-from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.second_order import Port
-from headstock.solvers.second_order import name_port
+from headstock.solvers.paths.response import PathDeviation, ZoneFigures
+from headstock.solvers.second_order import Port, name_port
 
 ZONES = ("accelerating", "decelerating")
 _PARTS = ("total", "quasi_static", "sway", "dynamic")

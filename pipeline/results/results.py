@@ -4,21 +4,19 @@ Where a closed-loop mechanism stands in a pose, for results.
 """
 
 from dataclasses import dataclass, field
+
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
+from headstock.geometry.mechanisms.exechon import condition_numbers
+from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.frf import PoseResponse
-from headstock.pipeline.storage.json_texts import Json
-from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.results.path import PathResult
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.provenance import Provenance
-from headstock.pipeline.planning.plan import StageRecord
-from headstock.geometry.mechanisms.exechon import condition_numbers
-from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
-
-
 
 
 @dataclass(frozen=True, eq=False)

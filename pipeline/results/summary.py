@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 
+from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.frf import summarise_response
-from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
 from headstock.pipeline.results.path import summarise_path
 from headstock.pipeline.results.results import ComponentFacts, PointCompliance, PoseModes, ProbeResponse, Results
-from headstock.pipeline.planning.plan import StageRecord
+from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
 
 UM_PER_KN = 1e9  # m/N
 

@@ -5,15 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.parts.components import Component
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Material
+from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.skins import IntArray, Skin, split_skin
 from headstock.geometry.parts.solid_skins import inertia_skin, solid_skin
-from headstock.reduction.motions.body_fields import carried_motion
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import locate_interface, turn_dofs
+from headstock.reduction.motions.body_fields import carried_motion
 from headstock.reduction.superelement import Superelement
 
 # single precision is plenty for pictures and halves the file

@@ -12,8 +12,8 @@ import pyvista
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
-from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.results.mode_files import SHOWN_SHARE, encode_glb, encode_vtu, file_stem, machine_size, write_mode_files
+from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.storage.outputs import replace_outputs
 
 NAMES = ("base", 'slider "<&> 2"')

@@ -12,13 +12,13 @@ import pytest
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.component_mesh import MeshQuality
+from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.estimates import REDUCTION, Estimate
-from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, claim_output, prepare_output
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
+from headstock.pipeline.results.results import ComponentFacts, PointCompliance, PoseModes, Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.warnings import mesh_warnings
-from headstock.pipeline.results.results import ComponentFacts, PointCompliance, PoseModes, Results
-from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, claim_output, prepare_output
 from headstock.solvers.errors import AccuracyError
 
 COMPLIANCE = np.diag([1e-9, 2e-9, 3e-9, 1e-6, 1e-6, 1e-6])

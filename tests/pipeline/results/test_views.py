@@ -3,9 +3,8 @@
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Material
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
 from headstock.geometry.parts.skins import split_skin
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.geometry.parts.solids import Box
