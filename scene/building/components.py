@@ -1,8 +1,4 @@
-"""From validated tables to solids, patches, materials and components.
-
-Checks that a patch lies on a face the solid has. Checks that every key of a component's mesh has something to act on. Checks
-that a component can be cut into segments, and that loads can act on what is not meshed.
-"""
+"""Components: solids, patches, materials and interfaces built from their tables, and what may be wrong with them."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -11,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import (
     Component,
@@ -34,7 +31,9 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
+from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.components import (
     ComponentTable,
@@ -45,7 +44,7 @@ from headstock.scene.schema.components import (
     RotationTable,
     SolidTable,
 )
-from headstock.scene.schema.connections import LoadTable
+from headstock.scene.schema.scene import SceneTable
 
 FEWEST_STATIONS = 4
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
@@ -280,6 +279,54 @@ def _find_hole(table: PatchTable, center: tuple[float, float, float], solid: Sol
     return ""
 
 
+def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, Solid]:
+    """The solid of every component whose solid can be built; why others cannot is reported.
+
+    Args:
+        scene: With components.
+        folder: Of the scene, for the files it refers to.
+        findings: Receives problems.
+    """
+    solids: dict[str, Solid] = {}
+    for name, table in scene.components.items():
+        try:
+            solids[name] = build_solid(table.solid, folder)
+        except ValueError as error:
+            findings.add(("components", name, "solid", table.solid.kind), str(error))
+    return solids
+
+
+def check_components(draft: Draft, findings: Findings) -> None:
+    """Report what is wrong with components: their materials, names, meshes, segments and patches."""
+    for name, table in draft.table.components.items():
+        key: KeyPath = ("components", name)
+        if table.material is not None:
+            check_name((*key, "material"), table.material, "materials", draft, findings)
+        elif table.solid.superelement is None:
+            known = suggest_names("", draft.sections.get("materials", ()), what="materials")
+            findings.add((*key, "material"), f"'material' is missing; {known}")
+        if name == GROUND:
+            findings.add(key, 'a component cannot be called "ground": that is what it stands on; choose another name')
+        if name in draft.solids:
+            _check_solid(key, table, draft.solids[name], findings)
+
+
+def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
+    for place, fault in (*find_segment_faults(table, solid), *find_mesh_faults(table, solid)):
+        findings.add((*key, *place), fault)
+    if isinstance(solid, SuperelementFile):
+        if table.fidelity != "elastic":
+            findings.add((*key, "fidelity"), "a superelement file is elastic as it is; remove fidelity")
+        if table.mass is not None:
+            findings.add((*key, "mass"), "a superelement file brings its own mass; remove mass")
+        return
+    for interface, entry in table.interfaces.items():
+        for index, patch in enumerate(entry.patch_tables()):
+            patch_key = ("patches", index) if entry.patches is not None else ()
+            if fault := find_patch_fault(patch, solid) or find_dense_patch(table, build_patch(patch, solid), solid):
+                findings.add((*key, "interfaces", interface, *patch_key), fault)
+
+
 def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
     """What is wrong with how an elastic component is to be meshed: the key below it and what to write."""
     if table.fidelity != "elastic" or table.solid.superelement is not None:
@@ -347,10 +394,3 @@ def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPa
             except ValueError as error:
                 faults.append((("interfaces", name), f"cannot hang on segments: {error}"))
     return faults
-
-
-def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
-    """Why a load cannot act on its component; empty when it can."""
-    if component is None or component.solid.superelement is not None or load.kind != "pressure" or component.fidelity == "elastic":
-        return ""
-    return f"a pressure needs a mesh and the component is {component.fidelity}; write a traction or a force, or make it elastic"

@@ -1,11 +1,9 @@
-"""Checks of drives, of the effects that use them, and of what is asked of their control.
-
-From checked tables to drives in SI units along their axes.
-"""
+"""Drives and the cut of a path: built from their tables, and what may be wrong with them, their effects and their control."""
 
 import math
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
+from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
@@ -20,8 +18,9 @@ DRIVE_CONTROL, FRICTION, SCREW_INERTIA, CUTTING_FORCE = "drive_control", "fricti
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force is held
 
 
-def check_drives(scene: SceneTable, findings: Findings) -> None:
+def check_drives(draft: Draft, findings: Findings) -> None:
     """Report every drive that cannot be built, and every effect or analysis that lacks one."""
+    scene = draft.table
     joints: dict[str, str] = {}
     for name, table in scene.drives.items():
         joint = _check_joint(name, table, scene, findings)
@@ -29,9 +28,8 @@ def check_drives(scene: SceneTable, findings: Findings) -> None:
             findings.add(("drives", name), f"drives joint {joint}, which drive {joints[joint]} does already; keep one of them")
         if joint is not None:
             joints[joint] = name
-        if table.scale is not None and table.scale not in scene.points:
-            hint = suggest_names(table.scale, scene.points, what="points")
-            findings.add(("drives", name, "scale"), f"unknown point {table.scale[:80]!r}; {hint}")
+        if table.scale is not None:
+            check_name(("drives", name, "scale"), table.scale, "points", draft, findings)
     _check_effects(scene, findings)
     _check_analysis(scene, findings)
     _check_path(scene, findings)

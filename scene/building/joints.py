@@ -8,8 +8,12 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
 from headstock.geometry.machine.joints import Joint, ScrewShaft
+from headstock.scene.building.draft import Draft, check_end, is_known_end
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING, ROTATIONAL_DAMPING, ROTATIONAL_STIFFNESS, STIFFNESS, Quantity
 from headstock.scene.schema.connections import JointTable, ScrewTable
+from headstock.scene.schema.scene import SceneTable
 
 RIGID = "rigid"
 SCREW_STEEL = (210e9, 0.3)  # Young's modulus [Pa] and Poisson's ratio of a screw whose table gives none
@@ -84,6 +88,34 @@ class _Faults:
 
     def add(self, message: str, *key: str) -> None:
         self.found.append(JointFault(key, message))
+
+
+def check_joints(draft: Draft, findings: Findings) -> None:
+    """Report what is wrong with joints: their ends, their names and what their kind asks for."""
+    for name, joint in draft.table.joints.items():
+        key: KeyPath = ("joints", name, "between")
+        for index, end in enumerate(joint.between):
+            check_end((*key, index), end, draft, findings)
+        for part in ("far", "reach") if joint.screw is not None else ():
+            if (named := getattr(joint.screw, part)) is not None:
+                check_end(("joints", name, "screw", part), named, draft, findings)
+        first, second = joint.between
+        if first.component == second.component:
+            what = f"component {first.component!r}" if first.component else "ground"
+            findings.add(key, f"joint {name!r} has both ends on {what}: a self joint does nothing; name two different components")
+        if name in draft.sections.get("components", ()):
+            findings.add(("joints", name), f"a component is called {name!r} too; results name both, so choose another name")
+        for fault in find_joint_faults(joint):
+            findings.add(("joints", name, *fault.key), fault.message)
+
+
+def sound_joints(scene: SceneTable) -> dict[str, JointTable]:
+    """Joints whose two ends are known and differ."""
+    return {
+        name: joint
+        for name, joint in scene.joints.items()
+        if all(is_known_end(end, scene) for end in joint.between) and joint.between[0].component != joint.between[1].component
+    }
 
 
 def find_joint_faults(table: JointTable) -> list[JointFault]:

@@ -1,41 +1,71 @@
 """Loads a scene file: reads, overrides, validates, checks and builds it, or says everything that is wrong."""
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from headstock.geometry.frames import DIRECTIONS
-from headstock.scene.building.drives import build_control, build_drives, build_path_cut, check_drives
-from headstock.scene.building.machine import build_machine, build_poses
-from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism
-from headstock.scene.building.names import check_references
-from headstock.scene.building.path import build_path, check_path, check_path_carriages
-from headstock.scene.building.physics import check_physics
-from headstock.scene.building.rails import check_carriages
+from headstock.scene.building.analyses import build_frf, build_modal, build_static, check_requests, check_subjects
+from headstock.scene.building.axes import build_poses, check_axes, check_axis_moves, check_floating, check_poses
+from headstock.scene.building.components import build_solids, check_components
+from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
+from headstock.scene.building.drives import build_control, build_drives, check_drives
+from headstock.scene.building.joints import check_joints
+from headstock.scene.building.loads import check_loads, check_points, check_probes, check_supports
+from headstock.scene.building.machine import build_machine
+from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism, check_reach
+from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
+from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
+from headstock.scene.building.rails import check_carriages, check_rails
 from headstock.scene.building.studies import (
-    axis_units,
     build_study,
     build_sweep,
+    check_comparison,
+    check_studies,
     check_sweep_carriages,
     check_sweeps,
     read_sweep_paths,
 )
-from headstock.scene.reading.axis_paths import AxisPath
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings
-from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, PathRequest, StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
 from headstock.scene.schema.effects import read_modal_damping
 from headstock.scene.schema.overrides import VARIANT_JOINER, apply_settings, apply_values, apply_variant
-from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
-from headstock.solvers.paths.response import LowPass
-from headstock.solvers.paths.set_points import Ramp, SetPoint
-from headstock.solvers.second_order import Port
 
-DEFAULT_MODES = 6
+# These need entries that passed the schema, whatever else is wrong.
+CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
+    check_components,
+    check_joints,
+    check_rails,
+    check_points,
+    check_supports,
+    check_loads,
+    check_probes,
+    check_axes,
+    check_poses,
+    check_requests,
+    check_path,
+    check_mechanism,
+    check_sweeps,
+    check_studies,
+    check_comparison,
+    check_numbers,
+    check_mounts,
+    check_mode_counts,
+)
+# These need all entries: what is not there is then missing, and not just refused.
+CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
+    check_floating,
+    check_axis_moves,
+    check_subjects,
+    check_drives,
+    check_reach,
+)
+# These need the machine in its poses.
+CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (check_carriages, check_path_carriages)
 
 
 def load_scene(
@@ -60,27 +90,26 @@ def load_scene(
     apply_settings(raw, overrides, findings)
     apply_values(raw, values or {}, findings)
     table = validate_tables(raw, findings)
-    paths: dict[str, AxisPath] = {}
-    if table is not None:
-        findings.on_request = frozenset(name for name, request in table.analyses if request is not None and request.on_request)
-        complete = not findings.problems
-        check_references(table, raw, findings)
-        check_physics(table, path.parent, findings, complete=complete)
-        if complete:
-            check_drives(table, findings)
-        check_mechanism(table, path.parent, findings, complete=complete)
-        paths = read_sweep_paths(table, axis_units(table), path.parent, findings)
-        check_sweeps(table, paths, findings)
-        check_path(table, findings)
-    findings.raise_if_any()
     if table is None:
+        findings.raise_if_any()
         raise AssertionError("the schema refused a scene without saying why")
-    scene = dataclasses.replace(
-        _build_scene(table, raw, path, findings, variant),
-        sweeps={name: build_sweep(name, table, paths) for name in table.sweeps},
+    findings.on_request = frozenset(name for name, request in table.analyses if request is not None and request.on_request)
+    complete = not findings.problems
+    draft = Draft(
+        table=table,
+        raw=raw,
+        folder=path.parent,
+        sections=collect_sections(raw),
+        interfaces=collect_interfaces(raw),
+        solids=build_solids(table, path.parent, findings),
+        paths=read_sweep_paths(table, path.parent, findings),
     )
-    check_carriages(scene.machine, scene.poses, findings)
-    check_path_carriages(scene, findings)
+    for check in (*CHECKS_OF_ENTRIES, *(CHECKS_OF_ALL_ENTRIES if complete else ())):
+        check(draft, findings)
+    findings.raise_if_any()
+    scene = _build_scene(draft, path, findings, variant)
+    for check_scene in CHECKS_OF_THE_SCENE:
+        check_scene(scene, findings)
     findings.raise_if_any()
     return scene
 
@@ -104,7 +133,8 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     return scene
 
 
-def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, findings: Findings, variant: str | None) -> Scene:
+def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
+    table = draft.table
     name = table.name or path.stem
     poses = build_poses(table)
     analyses, on_request = _split_requests(findings.on_request, _build_analyses(table, tuple(poses), path.parent))
@@ -117,12 +147,13 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, findings: F
         on_request=on_request,
         effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
         variants=tuple(table.variants),
-        raw=raw,
+        raw=dict(draft.raw),
         limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
         warnings=tuple(findings.warnings),
         deferred={analysis: tuple(problems) for analysis, problems in findings.deferred.items()},
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
+        sweeps={name: build_sweep(name, table, draft.paths) for name in table.sweeps},
         mechanism=None if table.mechanism is None else build_mechanism(table.mechanism),
         compare=CompareSettings(
             tuple(table.compare.variants or ()), tuple(table.compare.fidelity or ()), table.compare.pose, table.compare.reference
@@ -134,21 +165,13 @@ def _build_scene(table: SceneTable, raw: dict[str, Any], path: Path, findings: F
 
 
 def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
-    static, modal = table.analyses.static, table.analyses.modal
-    static_request = modal_request = None
-    if static is not None:
-        static_request = StaticRequest(tuple(static.at or table.points), tuple(static.poses or poses))
-    if modal is not None:
-        count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
-        modal_request = ModalRequest(count, modal.up_to, tuple(modal.poses or poses), modal.spread)
-    contouring = build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False)))
     return Analyses(
-        static=static_request,
-        modal=modal_request,
-        frf=_build_frf(table, poses),
+        static=build_static(table, poses),
+        modal=build_modal(table, poses),
+        frf=build_frf(table, poses),
         map=build_map(table),
-        contouring=contouring,
-        path=_build_path(table),
+        contouring=build_contouring(table, folder, read_modal_damping(table.effects.get("damping", False))),
+        path=build_path_request(table),
         control=build_control(table, poses),
     )
 
@@ -160,50 +183,3 @@ def _split_requests(named: Collection[str], analyses: Analyses) -> tuple[Analyse
         Analyses(**{name: request for name, request in found.items() if name not in named}),
         Analyses(**{name: request for name, request in found.items() if name in named}),
     )
-
-
-def _build_frf(table: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
-    frf = table.analyses.frf
-    if frf is None:
-        return None
-    inputs = _expand_ports(frf.inputs or [(name, "") for name in table.points])
-    return FrfRequest(
-        inputs=inputs,
-        outputs=_expand_ports(frf.outputs) if frf.outputs else inputs,
-        to_hz=frf.to,
-        from_hz=frf.start,
-        points=frf.points,
-        spacing=frf.spacing,
-        adaptive=frf.adaptive,
-        motion=frf.motion,
-        poses=tuple(frf.poses or poses),
-    )
-
-
-def _build_path(table: SceneTable) -> PathRequest | None:
-    path = table.analyses.path
-    if path is None:
-        return None
-    line = build_path(table, path)
-    ramp = Ramp(path.ramp, path.time_constant, path.jerk_time or 0.0)
-    return PathRequest(
-        path=line,
-        moves=tuple(SetPoint(line.length, feed, ramp) for feed in path.feeds),
-        outputs=_expand_ports(path.outputs or [(name, "") for name in table.points]),
-        sampling_hz=path.sampling,
-        low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
-        ring_down=path.ring_down,
-        cut=build_path_cut(table),
-        follows_pose=_follows_pose(table, path),
-    )
-
-
-def _follows_pose(table: SceneTable, path: PathTable) -> bool:
-    """A loop under control is closed in the pose of the middle, unless something else is written."""
-    return not build_drives(table) if path.pose_changes is None else path.pose_changes == "followed"
-
-
-def _expand_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:
-    """Every port once, with its direction."""
-    found = [(name, dof) for name, given in ports for dof in ([given] if given else DIRECTIONS)]
-    return tuple(dict.fromkeys(found))

@@ -1,7 +1,4 @@
-"""Checks of a scene's mechanism: what it carries, its limits, and that it can take every pose.
-
-From a scene's mechanism table to the mounted mechanism, and what is asked of it.
-"""
+"""The mechanism of a scene, maps and contours of it: built from their tables, and what may be wrong with them."""
 
 import math
 from pathlib import Path
@@ -14,6 +11,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, ExechonDimensions, Mo
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
 from headstock.scene.building.components import build_frame
+from headstock.scene.building.draft import Draft
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
@@ -105,15 +103,15 @@ def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[floa
     )
 
 
-def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, complete: bool) -> None:
-    """Report what is wrong with a mechanism and the poses it is to take."""
+def check_mechanism(draft: Draft, findings: Findings) -> None:
+    """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is asked of it."""
+    scene = draft.table
     table = scene.mechanism
     _check_stiffening(scene, findings)
     _check_map(scene, findings)
-    _check_contouring(scene, folder, findings)
+    _check_contouring(scene, draft.folder, findings)
     if table is None:
         return
-    known = len(findings.problems)
     if "orientation" in scene.model_fields_set:
         findings.add(("orientation",), "a mechanism is set up by its own `at` and `rotate`; move orientation there")
     mechanism = exechon_mechanism(build_dimensions(table.dimensions))
@@ -122,8 +120,19 @@ def check_mechanism(scene: SceneTable, folder: Path, findings: Findings, *, comp
     for name in set(scene.axes) & set(TOOL_AXES):
         findings.add(("axes", name), f"{name} is already the tool's, through the mechanism; remove this axis")
     _check_pose_units(scene, findings)
-    if complete and len(findings.problems) == known:
-        _check_reach(table, scene, findings)
+
+
+def check_reach(draft: Draft, findings: Findings) -> None:
+    """Report poses that a mechanism cannot take; one with a fault of its own takes none."""
+    table = draft.table.mechanism
+    if table is None or findings.concern("mechanism", "poses"):
+        return
+    mechanism = build_mechanism(table)
+    for name, positions in draft.table.poses.items():
+        try:
+            solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
+        except PoseError as error:
+            findings.add(("poses", name), f"cannot be taken: {error}")
 
 
 def _check_carried(table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings) -> None:
@@ -247,12 +256,3 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
             ("analyses", "contouring", "steps_per_turn"),
             f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
         )
-
-
-def _check_reach(table: MechanismTable, scene: SceneTable, findings: Findings) -> None:
-    mechanism = build_mechanism(table)
-    for name, positions in scene.poses.items():
-        try:
-            solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
-        except PoseError as error:
-            findings.add(("poses", name), f"cannot be taken: {error}")

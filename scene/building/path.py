@@ -1,13 +1,18 @@
-"""The path of a path analysis, and checks of it: axes, limits, feeds and carriages on their rails."""
+"""The path of a path analysis, built from its table, and what may be wrong with it: axes, limits, feeds and carriages."""
 
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose
-from headstock.scene.building.machine import find_position_fault
+from headstock.scene.building.analyses import build_ports
+from headstock.scene.building.axes import find_position_fault
+from headstock.scene.building.draft import Draft, check_name, check_port
+from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, list_analyses
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
+from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import Ramp, SetPoint, find_move_fault
 
 KEY: KeyPath = ("analyses", "path")
@@ -20,11 +25,37 @@ def build_path(scene: SceneTable, table: PathTable) -> MachinePath:
     return MachinePath(Pose("from", first), Pose("to", first | {axis: value.value for axis, value in table.to.items()}))
 
 
-def check_path(scene: SceneTable, findings: Findings) -> None:
+def build_path_request(scene: SceneTable) -> PathRequest | None:
+    """The path analysis a scene asks for."""
+    path = scene.analyses.path
+    if path is None:
+        return None
+    line = build_path(scene, path)
+    ramp = Ramp(path.ramp, path.time_constant, path.jerk_time or 0.0)
+    return PathRequest(
+        path=line,
+        moves=tuple(SetPoint(line.length, feed, ramp) for feed in path.feeds),
+        outputs=build_ports(path.outputs or [(name, "") for name in scene.points]),
+        sampling_hz=path.sampling,
+        low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
+        ring_down=path.ring_down,
+        cut=build_path_cut(scene),
+        follows_pose=_follows_pose(scene, path),
+    )
+
+
+def check_path(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a path, apart from rails."""
-    table = scene.analyses.path
+    scene, table = draft.table, draft.table.analyses.path
     if table is None:
         return
+    for index, (name, _) in enumerate(table.outputs or ()):
+        check_port((*KEY, "outputs", index), name, draft, findings)
+    if table.pose is not None:
+        check_name((*KEY, "pose"), table.pose, "poses", draft, findings)
+    for end, stops in (("from", table.start), ("to", table.to)):
+        for axis in stops:
+            check_name((*KEY, end, axis), axis, "axes", draft, findings, "axis")
     known = len(findings.problems)
     if scene.mechanism is not None:
         findings.add(KEY, "a path moves the axes of the scene, and a mechanism has none; remove one of them")
@@ -32,7 +63,7 @@ def check_path(scene: SceneTable, findings: Findings) -> None:
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis, value in stops.items():
             if axis not in scene.axes:
-                continue  # reported with the other names
+                continue
             fault = find_position_fault(axis, value, scene)
             if scene.axes[axis].kind != "linear":
                 fault = "a path moves linear axes only; name another axis, and give this one its place by pose"
@@ -66,3 +97,8 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
         move = SetPoint(line.length, feed, Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0))
         if fault := find_move_fault(move):
             findings.add((*KEY, "feeds", index), fault)
+
+
+def _follows_pose(scene: SceneTable, table: PathTable) -> bool:
+    """A loop under control is closed in the pose of the middle, unless something else is written."""
+    return not build_drives(scene) if table.pose_changes is None else table.pose_changes == "followed"

@@ -1,18 +1,18 @@
 """Checks of rails and of the carriages on them: what a rail lies on, who rides on it, and whether a pose leaves it."""
 
 import math
-from collections.abc import Mapping
 
 from headstock.geometry.machine.carriages import LEAST_INTERVALS, count_stations, find_overhangs, rail_span
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine, Pose, show_position
+from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.building.components import build_interface
-from headstock.scene.building.names import is_known_end
+from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, InterfaceTable
 from headstock.scene.schema.connections import JointTable
 from headstock.scene.schema.scene import SceneTable
@@ -56,8 +56,9 @@ def choose_stations(scene: SceneTable, solids: dict[str, Solid]) -> dict[str, di
     return found
 
 
-def check_rails(scene: SceneTable, solids: dict[str, Solid], findings: Findings) -> None:
+def check_rails(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with rails and with joints on them, apart from poses."""
+    scene, solids = draft.table, draft.solids
     riders = carriage_joints(scene)
     for (component, name), joints in riders.items():
         if component in solids:
@@ -68,10 +69,10 @@ def check_rails(scene: SceneTable, solids: dict[str, Solid], findings: Findings)
             findings.add(("joints", name, *fault[0]), fault[1])
 
 
-def check_carriages(machine: Machine, poses: Mapping[str, Pose], findings: Findings) -> None:
+def check_carriages(scene: Scene, findings: Findings) -> None:
     """Report every carriage that hangs over the end of its rail in a pose of the scene."""
-    for name, pose in poses.items():
-        for joint, fault in find_overhangs(machine, pose).items():
+    for name, pose in scene.poses.items():
+        for joint, fault in find_overhangs(scene.machine, pose).items():
             findings.add(("poses", name) if pose.positions else ("joints", joint), fault)
 
 

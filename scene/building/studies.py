@@ -1,7 +1,4 @@
-"""From validated tables to sweeps, and what may be wrong with them.
-
-The files that sweeps take their ways from, held against the axes of the scene. From validated tables to studies.
-"""
+"""Sweeps, studies and comparisons of a scene: built from their tables, and what may be wrong with them."""
 
 import dataclasses
 import math
@@ -13,14 +10,16 @@ import numpy as np
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.scene.building.axes import axis_units
+from headstock.scene.building.draft import Draft, check_name, check_variant
 from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.schema.connections import PoseTable
-from headstock.scene.schema.overrides import split_variant
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.overrides import AS_WRITTEN, path_exists
+from headstock.scene.schema.scene import AnalysesTable, SceneTable
 from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable
 from headstock.scene.studies import (
     TRUTH,
@@ -40,14 +39,6 @@ SUFFIXES = (".csv",)
 UNITS = {"m": "mm", "rad": "deg"}
 
 
-def axis_units(scene: SceneTable) -> dict[str, str]:
-    """``m`` or ``rad`` of every axis of a scene, those of a mechanism's tool among them."""
-    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in scene.axes.items()}
-    if scene.mechanism is not None:
-        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
-    return units
-
-
 def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
     """The sweep a faultless table stands for, with the ways that were read from files."""
     return dataclasses.replace(_build_poses(name, scene, paths), variant=scene.sweeps[name].variant)
@@ -65,17 +56,16 @@ def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
     return make_list(name, units, [_values(place) for place in places], labels if all(labels) else [])
 
 
-def check_sweeps(scene: SceneTable, paths: Mapping[str, AxisPath], findings: Findings) -> None:
-    """Report sweeps that name unknown poses or have too many."""
+def check_sweeps(draft: Draft, findings: Findings) -> None:
+    """Report sweeps that name unknown poses or have too many; positions are checked with those of poses."""
+    scene = draft.table
     for name, table in scene.sweeps.items():
         for index, place in enumerate(table.poses or ()):
             if isinstance(place, str) and place not in scene.poses:
                 hint = suggest_names(place, scene.poses, what="poses")
                 findings.add(("sweeps", name, "poses", index), f"unknown pose {place[:80]!r}; {hint}")
-        for variant in (part for part in split_variant(table.variant) if part not in scene.variants):
-            hint = suggest_names(variant, scene.variants, what="variants")
-            findings.add(("sweeps", name, "variant"), f"unknown variant {variant[:80]!r}; {hint}")
-        if (count := _count_poses(name, scene, paths)) > MAX_SWEEP_POSES:
+        check_variant(("sweeps", name, "variant"), table.variant, draft, findings)
+        if (count := _count_poses(name, scene, draft.paths)) > MAX_SWEEP_POSES:
             key = "axes" if table.axes is not None else "step"
             findings.add(("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most")
 
@@ -120,16 +110,16 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
     return count_path(axis_units(scene), waypoints, *_step(table)) if waypoints else len(table.poses or ())
 
 
-def read_sweep_paths(scene: SceneTable, units: dict[str, str], folder: Path, findings: Findings) -> dict[str, AxisPath]:
+def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, AxisPath]:
     """The way of each sweep that names a file, where it could be read; what is wrong is reported.
 
     Args:
         scene: With sweeps.
-        units: ``m`` or ``rad`` of every axis a sweep may name.
         folder: Of the scene.
         findings: Receives problems, each with the line of the file.
     """
     found: dict[str, AxisPath] = {}
+    units = axis_units(scene)
     for name, table in scene.sweeps.items():
         if not isinstance(table.path, str):
             continue
@@ -197,3 +187,50 @@ def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFam
         analyses=tuple(family.analyses or table.analyses or ()),
         other_model=family.other_model,
     )
+
+
+def check_studies(draft: Draft, findings: Findings) -> None:
+    """Report studies that vary, watch or compute what the scene does not have."""
+    for name, study in draft.table.studies.items():
+        _check_study(name, study, draft, findings)
+
+
+def check_comparison(draft: Draft, findings: Findings) -> None:
+    """Report a comparison of unknown variants, or in an unknown pose."""
+    table = draft.table.compare
+    for index, choice in enumerate(table.variants or ()):
+        if choice != AS_WRITTEN:
+            check_variant(("compare", "variants", index), choice, draft, findings, more=f"; {AS_WRITTEN!r} is the scene itself")
+    if table.pose is not None and (table.pose != "reference" or draft.sections.get("poses")):
+        check_name(("compare", "pose"), table.pose, "poses", draft, findings)
+
+
+def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings) -> None:
+    scene = draft.table
+    key: KeyPath = ("studies", name)
+    named = [((*key, "families", family), table) for family, table in study.families.items()]
+    parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
+    for place, table in parts:
+        varied = table.vary or {}
+        truth = (table.truth or {}) if isinstance(table, StudyTable) else {}
+        for section, paths in (("vary", varied), ("set", table.set), ("truth", truth)):
+            for path in paths:
+                if not (section in {"vary", "truth"} and path == VARIANT) and (reason := path_exists(draft.raw, path)):
+                    findings.add((*place, section, path), reason)
+        choices = [*varied.get(VARIANT, ()), *([truth[VARIANT]] if VARIANT in truth else [])]
+        for choice in choices:
+            check_variant((*place, "vary", VARIANT), str(choice or ""), draft, findings, more='; "" is the scene as it stands')
+        for analysis in table.analyses or ():
+            asked = [kind for kind in AnalysesTable.model_fields if getattr(scene.analyses, kind) is not None]
+            if analysis not in asked:
+                findings.add((*place, "analyses"), f"the scene has no [analyses.{analysis}]; it has: {', '.join(asked) or 'none'}")
+    for index, watch in enumerate(study.watch or ()):
+        _check_watch((*key, "watch", index), watch, scene, findings)
+
+
+def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings) -> None:
+    root, *rest = parse_watch(watch).steps
+    sections: dict[object, Mapping[str, object]] = {"static": scene.points, "components": scene.components}
+    known = sections.get(root)
+    if known is not None and rest and rest[0] not in known:
+        findings.add(key, f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}")

@@ -98,6 +98,10 @@ class Findings:
         """Report something that is allowed but looks wrong."""
         self.warnings.append(f"{self._place(self.origin_of(key))}: {show_key(key)}: {message}")
 
+    def concern(self, *sections: str) -> bool:
+        """Whether a problem was found in one of the sections of the scene."""
+        return any(problem.key.partition(".")[0] in sections for _, problem in self.problems)
+
     def origin_of(self, key: KeyPath) -> Origin:
         """Origin of a key path or of its closest ancestor that has one."""
         for path in (key, tuple(part for part in key if isinstance(part, str))):

@@ -1,0 +1,87 @@
+"""What is computed: compliances, modes and frequency responses built from their tables, and what may be wrong with them."""
+
+from collections.abc import Sequence
+
+from headstock.geometry.frames import DIRECTIONS
+from headstock.scene.building.draft import Draft, check_name, check_port, check_pose_names
+from headstock.scene.reading.findings import Findings
+from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
+from headstock.scene.schema.effects import find_effect_fault
+from headstock.scene.schema.scene import SceneTable
+from headstock.solvers.second_order import Port
+
+DEFAULT_MODES = 6
+
+
+def build_static(scene: SceneTable, poses: tuple[str, ...]) -> StaticRequest | None:
+    """The compliances a scene asks for; in ``poses`` unless it names some."""
+    static = scene.analyses.static
+    return None if static is None else StaticRequest(tuple(static.at or scene.points), tuple(static.poses or poses))
+
+
+def build_modal(scene: SceneTable, poses: tuple[str, ...]) -> ModalRequest | None:
+    """The natural frequencies a scene asks for; in ``poses`` unless it names some."""
+    modal = scene.analyses.modal
+    if modal is None:
+        return None
+    count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
+    return ModalRequest(count, modal.up_to, tuple(modal.poses or poses), modal.spread)
+
+
+def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:
+    """The frequency response a scene asks for; in ``poses`` unless it names some."""
+    frf = scene.analyses.frf
+    if frf is None:
+        return None
+    inputs = build_ports(frf.inputs or [(name, "") for name in scene.points])
+    return FrfRequest(
+        inputs=inputs,
+        outputs=build_ports(frf.outputs) if frf.outputs else inputs,
+        to_hz=frf.to,
+        from_hz=frf.start,
+        points=frf.points,
+        spacing=frf.spacing,
+        adaptive=frf.adaptive,
+        motion=frf.motion,
+        poses=tuple(frf.poses or poses),
+    )
+
+
+def build_ports(ports: Sequence[tuple[str, str]]) -> tuple[Port, ...]:
+    """Every port once, with its direction."""
+    found = [(name, dof) for name, given in ports for dof in ([given] if given else DIRECTIONS)]
+    return tuple(dict.fromkeys(found))
+
+
+def check_requests(draft: Draft, findings: Findings) -> None:
+    """Report names in analyses that mean nothing, and effects that cannot be switched on."""
+    analyses = draft.table.analyses
+    for index, point in enumerate(analyses.static.at or () if analyses.static else ()):
+        check_name(("analyses", "static", "at", index), point, "points", draft, findings)
+    for key, ports in (("inputs", analyses.frf.inputs), ("outputs", analyses.frf.outputs)) if analyses.frf else ():
+        for index, (name, _) in enumerate(ports or ()):
+            check_port(("analyses", "frf", key, index), name, draft, findings)
+    for name, table in (
+        ("static", analyses.static),
+        ("modal", analyses.modal),
+        ("frf", analyses.frf),
+        ("control", analyses.control),
+    ):
+        check_pose_names(("analyses", name, "poses"), table.poses if table else None, draft, findings)
+    for name, value in draft.table.effects.items():
+        if fault := find_effect_fault(name, value):
+            findings.add(("effects", name), fault)
+
+
+def check_subjects(draft: Draft, findings: Findings) -> None:
+    """Report analyses without anything to compute them of."""
+    scene = draft.table
+    static = scene.analyses.static
+    if static is not None and static.at is None and not scene.points and not scene.loads:
+        example = 'tcp = { tool = "component.interface", work = "ground" }'
+        findings.add(("analyses", "static"), f"there is no point to compute a compliance at; write [points] {example}")
+    frf = scene.analyses.frf
+    if frf is not None and frf.inputs is None and not scene.points:
+        findings.add(("analyses", "frf"), 'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]')
+    if not scene.components:
+        findings.add(("components",), "there are no components; write [components.NAME] with a solid and a material")

@@ -1,0 +1,265 @@
+"""Axes and poses: what axes move, what they stand on, where they may stand, and what may be wrong with them."""
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.joints import GROUND, Axis, Joint
+from headstock.geometry.machine.machine import Pose, find_limit_fault
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.geometry.parts.components import Support
+from headstock.scene.building.draft import Draft, check_name, is_known_end
+from headstock.scene.building.joints import build_joint, connects, find_joint_faults, sound_joints
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.schema.connections import AxisTable
+from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.types import show_direction
+
+Edge = tuple[str, str]
+PARALLEL = math.cos(math.radians(1.0))
+
+
+def build_poses(scene: SceneTable) -> dict[str, Pose]:
+    """Poses by name; ``reference`` with every axis at zero when the scene names none."""
+    poses = {name: Pose(name, {axis: value.value for axis, value in table.items()}) for name, table in scene.poses.items()}
+    return poses or {"reference": Pose("reference")}
+
+
+def build_axis(name: str, table: AxisTable, scene: SceneTable, joints: dict[str, Joint], supports: dict[str, Support]) -> Axis:
+    """The axis a faultless table stands for.
+
+    Args:
+        name: Of the axis.
+        table: Its table.
+        scene: With the tables of its components and joints.
+        joints: Every joint of the machine by name.
+        supports: Every support of the machine by name.
+    """
+    edges: dict[str, Edge] = {f"supports.{key}": (support.component, GROUND) for key, support in supports.items()}
+    for key, joint in joints.items():
+        if connects(joint):
+            first, second = (end.component or GROUND for end in joint.ends)
+            edges[key] = (first, second)
+    moves = tuple(table.moves or moved_components(scene.components, edges, table.joint_names()))
+    low, high = (-np.inf, np.inf) if table.limits is None else (limit.value for limit in table.limits)
+    return Axis(
+        name=name,
+        joints=table.joint_names(),
+        moves=moves,
+        direction=np.array(axis_direction(table, scene)),
+        kind=table.kind,
+        center=np.array(table.center),
+        limits=(low, high),
+    )
+
+
+def axis_direction(table: AxisTable, scene: SceneTable) -> tuple[float, float, float]:
+    """Direction of an axis: as written, or that of the first guiding joint that has one."""
+    if table.direction is not None:
+        return table.direction
+    kinds = ("linear_guide", "ball_screw", "prismatic") if table.kind == "linear" else ("revolute", "bearing")
+    for name in table.joint_names():
+        joint = scene.joints[name]
+        if joint.kind in kinds and joint.axis is not None:
+            return joint.axis
+    raise ValueError("an axis needs a direction")
+
+
+def axis_units(scene: SceneTable) -> dict[str, str]:
+    """``m`` or ``rad`` of every axis of a scene, those of a mechanism's tool among them."""
+    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in scene.axes.items()}
+    if scene.mechanism is not None:
+        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
+    return units
+
+
+def reachable_from_ground(edges: Iterable[Edge]) -> frozenset[str]:
+    """Components with a chain of edges to ground; an edge names two components or ground."""
+    neighbours: dict[str, set[str]] = {}
+    for first, second in edges:
+        neighbours.setdefault(first, set()).add(second)
+        neighbours.setdefault(second, set()).add(first)
+    reached, frontier = {GROUND}, [GROUND]
+    while frontier:
+        fresh = neighbours.get(frontier.pop(), set()) - reached
+        reached |= fresh
+        frontier.extend(fresh)
+    return frozenset(reached - {GROUND})
+
+
+def floating_groups(components: Iterable[str], edges: Iterable[Edge]) -> list[list[str]]:
+    """Groups of connected components without a chain to ground, in the order of the scene."""
+    edges = list(edges)
+    left = [name for name in components if name not in reachable_from_ground(edges)]
+    groups: list[list[str]] = []
+    while left:
+        seeded = [*((first, second) for first, second in edges if GROUND not in (first, second)), (GROUND, left[0])]
+        group = reachable_from_ground(seeded)
+        groups.append([name for name in left if name in group])
+        left = [name for name in left if name not in group]
+    return groups
+
+
+def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joints: Iterable[str]) -> tuple[str, ...]:
+    """Components that are cut off from ground when an axis' joints are taken away.
+
+    Args:
+        components: Component names in the order of the scene.
+        edges: The two sides of every joint (and support) by name.
+        joints: Names of the joints of the axis.
+
+    Returns:
+        Names in the order of the scene; those that reach ground in no case are left out.
+    """
+    own = set(joints)
+    before = reachable_from_ground(edges.values())
+    after = reachable_from_ground(edge for name, edge in edges.items() if name not in own)
+    return tuple(name for name in components if name in before and name not in after)
+
+
+def check_axes(draft: Draft, findings: Findings) -> None:
+    """Report what is wrong with axes, apart from what they move: names, limits, directions and guides."""
+    scene = draft.table
+    for name, axis in scene.axes.items():
+        key: KeyPath = ("axes", name)
+        for index, joint in enumerate(axis.joint_names()):
+            check_name((*key, "joints", index) if axis.joints else (*key, "joint"), joint, "joints", draft, findings)
+        for index, component in enumerate(axis.moves or ()):
+            check_name((*key, "moves", index), component, "components", draft, findings)
+        limits, wrong = axis.limits or (), False
+        for index, limit in enumerate(limits):
+            if fault := find_unit_fault(limit, axis):
+                wrong = True
+                findings.add((*key, "limits", index), fault)
+        if limits and not wrong and limits[0].value >= limits[1].value:
+            findings.add((*key, "limits"), "the lower limit must be below the upper one")
+        known = all(joint in scene.joints for joint in axis.joint_names())
+        if axis.direction is None and known and not _guiding_joints(scene, axis):
+            findings.add((*key, "direction"), "'direction' is missing and no joint of the axis gives one; write direction = \"x\"")
+        _check_guides(name, axis, scene, findings)
+
+
+def check_axis_moves(draft: Draft, findings: Findings) -> None:
+    """Report axes that move nothing, and joints of theirs that are not between what moves and what stands."""
+    scene, edges = draft.table, _edges(draft.table)
+    for name, axis in scene.axes.items():
+        if all(joint in edges for joint in axis.joint_names()):
+            _check_moves(("axes", name), axis, scene, edges, findings)
+
+
+def check_poses(draft: Draft, findings: Findings) -> None:
+    """Report poses, and positions in sweeps, of unknown axes, with a wrong unit or outside limits."""
+    scene = draft.table
+    values: list[tuple[KeyPath, str, Quantity]] = []
+    for pose, positions in scene.poses.items():
+        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
+    for sweep, table in scene.sweeps.items():
+        values += [(("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()]
+    for key, axis, value in values:
+        # the two ends of a span are written under their axis
+        check_name(key[:4] if key[2] == "axes" else key, axis, "axes", draft, findings, "axis")
+        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
+            findings.add(key, fault)
+
+
+def check_floating(draft: Draft, findings: Findings) -> None:
+    """Report components without a chain of joints and supports to ground; a lumped mechanism has no joints."""
+    scene = draft.table
+    known = all(is_known_end(end, scene) for table in scene.joints.values() for end in table.between)
+    if scene.free or scene.is_lumped or not known:
+        return
+    for group in floating_groups(scene.components, _edges(scene).values()):
+        if any(scene.components[name].free for name in group):
+            continue
+        verb = "floats" if len(group) == 1 else "float together"
+        findings.add(
+            ("components", group[0]),
+            f"{', '.join(group)} {verb}: 6 rigid motions are free, since no joint or support leads to ground; join "
+            f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a component that stands on it, or write free = true',
+        )
+
+
+def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
+    """Why an axis of the scene cannot stand at a position; empty where it can.
+
+    Args:
+        axis: Its name.
+        value: Length or angle as written.
+        scene: With the axis.
+    """
+    table = scene.axes[axis]
+    if fault := find_unit_fault(value, table):
+        return fault
+    if table.limits is None or value.dimension != table.limits[0].dimension:
+        return ""
+    low, high = (limit.value for limit in table.limits)
+    return find_limit_fault(axis, value.value, (low, high), value.dimension.unit)
+
+
+def find_unit_fault(value: Quantity, axis: AxisTable) -> str:
+    """Why a quantity is no position of an axis: an angle where it is linear, or a length; empty where it is one."""
+    wanted = LENGTH if axis.kind == "linear" else ANGLE
+    if value.dimension == wanted:
+        return ""
+    article = "an" if value.dimension == ANGLE else "a"
+    return f'is {article} {value.dimension.name}, but the axis is {axis.kind}; write for example "{wanted.example}"'
+
+
+def _edges(scene: SceneTable) -> dict[str, Edge]:
+    """The two sides of every joint that transmits a force and of every support, by name."""
+    edges: dict[str, Edge] = {}
+    for name, table in sound_joints(scene).items():
+        # a joint with a fault counts as a connection: its own message is enough
+        if find_joint_faults(table) or connects(build_joint(name, table)):
+            first, second = (end.component or GROUND for end in table.between)
+            edges[name] = (first, second)
+    for name, support in scene.supports.items():
+        edges[f"supports.{name}"] = ((support.face or support.at or "").partition(".")[0], GROUND)
+    return edges
+
+
+def _guiding_joints(scene: SceneTable, axis: AxisTable) -> dict[str, FloatArray]:
+    """Unit vectors ``(3,)`` along which the guides and screws of an axis slide, or about which its bearings turn, by joint."""
+    kinds = ("linear_guide", "ball_screw", "prismatic") if axis.kind == "linear" else ("revolute", "bearing")
+    tables = {name: scene.joints[name] for name in axis.joint_names() if name in scene.joints}
+    return {name: np.array(table.axis) for name, table in tables.items() if table.kind in kinds and table.axis is not None}
+
+
+def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findings) -> None:
+    """Every guide, screw and bearing of an axis must let go of the motion that the axis makes."""
+    guides = _guiding_joints(scene, axis)
+    motion = "slides along" if axis.kind == "linear" else "turns about"
+    given = None if axis.direction is None else np.array(axis.direction)
+    # without a direction of its own the axis has that of most of its joints
+    votes = sorted(guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values()))
+    along = given if given is not None else votes[0] if votes else None
+    for joint, own in guides.items():
+        if along is not None and abs(own @ along) < PARALLEL:
+            findings.add(
+                ("joints", joint, "axis"),
+                f"{motion} {show_direction(own)}, but axis {name}, which it belongs to, moves along {show_direction(along)}: it would block the "
+                f"axis; write axis = {show_direction(along)}, or take it off the axis' joints",
+            )
+
+
+def _check_moves(key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings) -> None:
+    joints = ", ".join(axis.joint_names())
+    moves = set(axis.moves or moved_components(scene.components, edges, axis.joint_names()))
+    if not moves:
+        findings.add(
+            key,
+            f"moves nothing: without {joints} every component is still connected to ground; list every joint the axis slides in, "
+            'or name what it carries: moves = ["slider"]',
+        )
+        return
+    for joint in axis.joint_names():
+        sides = [side in moves for side in edges[joint]]
+        if sum(sides) != 1:
+            both = "both sides" if all(sides) else "no side"
+            findings.add(
+                key, f"joint {joint} has {both} among what the axis moves ({', '.join(sorted(moves))}); correct joints or moves"
+            )

@@ -1,0 +1,121 @@
+"""Points, supports, loads and probes of a machine: built from their tables, and what may be wrong with them."""
+
+from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.parts.components import Component, Load, Patch, Support
+from headstock.scene.building.components import build_patch, find_patch_fault
+from headstock.scene.building.draft import Draft, check_end, check_name
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.components import ComponentTable, PatchTable
+from headstock.scene.schema.connections import LoadTable, SupportTable
+
+
+def build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:
+    """The support a faultless table stands for.
+
+    Args:
+        name: Of the support.
+        table: Its table.
+        components: Every component of the machine by name.
+    """
+    component, _, _ = (table.at or table.face or "").partition(".")
+    return Support(name, component, _build_area(table, components), tuple(table.fix))
+
+
+def build_load(name: str, table: LoadTable, components: dict[str, Component]) -> Load:
+    """The load a faultless table stands for.
+
+    Args:
+        name: Of the load.
+        table: Its table.
+        components: Every component of the machine by name.
+    """
+    if table.kind == "body":
+        return Load(name, table.component or "", "body", vector=tuple(table.body or ()))
+    component, _, area = (table.at or table.face or "").partition(".")
+    if table.kind == "force":
+        vector = (*(table.force or (0.0, 0.0, 0.0)), *(table.moment or (0.0, 0.0, 0.0)))
+        return Load(name, component, "force", interface=area, vector=vector)
+    patches = _build_area(table, components)
+    if table.kind == "pressure":
+        return Load(name, component, "pressure", patches, magnitude=table.pressure or 0.0)
+    return Load(name, component, "traction", patches, vector=tuple(table.traction or ()))
+
+
+def check_points(draft: Draft, findings: Findings) -> None:
+    """Report points whose ends are unknown or the same."""
+    for name, point in draft.table.points.items():
+        check_end(("points", name, "tool"), point.tool, draft, findings)
+        check_end(("points", name, "work"), point.work, draft, findings)
+        if point.tool == point.work:
+            findings.add(("points", name), "tool and work are the same, so nothing moves between them; name two places")
+
+
+def check_supports(draft: Draft, findings: Findings) -> None:
+    """Report supports on unknown areas, and on components that are not meshed."""
+    for name, table in draft.table.supports.items():
+        _check_area(("supports", name), table, draft, findings)
+        owner = (table.face or table.at or "").partition(".")[0]
+        if owner in draft.table.components and not _is_meshed(draft.table.components[owner]):
+            findings.add(
+                ("supports", name), f"{owner} is not meshed, so no points of it can be held; use a joint of kind rigid to ground"
+            )
+
+
+def check_loads(draft: Draft, findings: Findings) -> None:
+    """Report loads on unknown areas and components, and pressures without a mesh to act on."""
+    for name, table in draft.table.loads.items():
+        _check_area(("loads", name), table, draft, findings)
+        if table.component is not None:
+            check_name(("loads", name, "component"), table.component, "components", draft, findings)
+        owner = (table.face or table.at or "").partition(".")[0]
+        if fault := find_load_fault(table, draft.table.components.get(owner)):
+            findings.add(("loads", name, "pressure"), fault)
+
+
+def check_probes(draft: Draft, findings: Findings) -> None:
+    """Report probes in components that are not meshed, and probes of a machine that nothing loads."""
+    scene = draft.table
+    for name, probe in scene.probes.items():
+        check_name(("probes", name, "component"), probe.component, "components", draft, findings)
+        table = scene.components.get(probe.component)
+        if table is not None and not _is_meshed(table):
+            findings.add(("probes", name), f"{probe.component} is not meshed, so there is no stress in it; make it elastic")
+    if scene.probes and scene.analyses.static is None:
+        findings.add(("probes",), "probes show the response to static loads; add [analyses.static]")
+    if scene.probes and not scene.loads and not scene.effects.get("gravity"):
+        findings.add(("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity")
+
+
+def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
+    """Why a load cannot act on its component; empty when it can."""
+    if component is None or component.solid.superelement is not None or load.kind != "pressure" or component.fidelity == "elastic":
+        return ""
+    return f"a pressure needs a mesh and the component is {component.fidelity}; write a traction or a force, or make it elastic"
+
+
+def _build_area(table: SupportTable | LoadTable, components: dict[str, Component]) -> tuple[Patch, ...]:
+    """Patches of an interface, or the one that the table itself describes."""
+    component, _, area = (table.at or table.face or "").partition(".")
+    if table.at is not None:
+        return components[component].interfaces[area].patches
+    return (build_patch(_read_patch(table), components[component].solid),)
+
+
+def _read_patch(table: SupportTable | LoadTable) -> PatchTable:
+    return PatchTable(face=(table.face or "").partition(".")[2], disk=table.disk, rect=table.rect, strip=table.strip)
+
+
+def _is_meshed(table: ComponentTable) -> bool:
+    return table.fidelity == "elastic" and table.solid.superelement is None
+
+
+def _check_area(key: KeyPath, table: SupportTable | LoadTable, draft: Draft, findings: Findings) -> None:
+    if table.at is not None:
+        component, _, interface = table.at.partition(".")
+        check_end((*key, "at"), JointEnd(component, interface), draft, findings)
+    elif table.face is not None:
+        component = table.face.partition(".")[0]
+        check_name((*key, "face"), component, "components", draft, findings)
+        if component in draft.solids and (fault := find_patch_fault(_read_patch(table), draft.solids[component])):
+            findings.add((*key, "face"), fault)
