@@ -12,7 +12,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load
-from headstock.reduction.superelement import StaticLoad, Superelement, Truncation, lowest_participating
+from headstock.reduction.superelement import Recovery, StaticLoad, Superelement, Truncation, lowest_participating
 from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end
 from headstock.solvers.errors import ModelError
 
@@ -101,22 +101,28 @@ def trim_superelement(element: Superelement, request: ReductionRequest, *, mass:
     """
     count, cutoff = _kept_modes(element, request.modes)
     kept = element.boundary_size + count
+    errors = element.errors
     loads = {name: load for name, load in element.loads.items() if request.gravity or not name.startswith(f"{GRAVITY}:")}
     trimmed = dataclasses.replace(
         element,
         labels=element.labels[:kept],
         stiffness=element.stiffness[:kept, :kept],
         mass=element.mass[:kept, :kept],
-        recovery=None if element.recovery is None else np.ascontiguousarray(element.recovery[:, :kept]),
+        recovery=None
+        if element.recovery is None
+        else Recovery(basis=np.ascontiguousarray(element.recovery.basis[:, :kept]), points=element.recovery.points),
         constraints=element.constraints[:, :kept],
         modal_frequencies_hz=element.modal_frequencies_hz[:count],
         cutoff_hz=cutoff,
         loads={name: _trim_load(element, load, kept) for name, load in loads.items()},
         rails={name: dataclasses.replace(rail, control=rail.control[:, :kept]) for name, rail in element.rails.items()},
-        truncation=None if request.modes is None else _add_to_truncation(element, kept, cutoff),
-        missing_energy=None if element.missing_energy is None else element.missing_energy[:kept, :kept],
-        shape_stiffness=None if element.shape_stiffness is None else element.shape_stiffness[:kept, :kept],
-        shape_mass=None if element.shape_mass is None else element.shape_mass[:kept, :kept],
+        errors=dataclasses.replace(
+            errors,
+            truncation=None if request.modes is None else _add_to_truncation(element, kept, cutoff),
+            missing_energy=None if errors.missing_energy is None else errors.missing_energy[:kept, :kept],
+            shape_stiffness=None if errors.shape_stiffness is None else errors.shape_stiffness[:kept, :kept],
+            shape_mass=None if errors.shape_mass is None else errors.shape_mass[:kept, :kept],
+        ),
     )
     if mass:
         return trimmed
@@ -138,17 +144,18 @@ def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad
     if load.particular is None or element.recovery is None:
         return StaticLoad(load.vector[:kept], load.particular)
     amplitudes = load.vector[kept:] / element.stiffness.diagonal()[kept:]
-    returned = element.recovery[:, kept:] @ amplitudes
+    returned = element.recovery.basis[:, kept:] @ amplitudes
     return StaticLoad(load.vector[:kept], load.particular + returned.reshape(load.particular.shape))
 
 
 def _add_to_truncation(element: Superelement, kept: int, cutoff_hz: float) -> Truncation | None:
     """Moments of the modes that were left out and of those that go."""
-    if element.truncation is None:
+    before = element.errors.truncation
+    if before is None:
         return None
     participation: FloatArray = element.mass[: element.boundary_size, kept:]
     squares = element.stiffness.diagonal()[kept:]
-    first = element.truncation.first + participation / squares @ participation.T
-    second = element.truncation.second + participation / squares**2 @ participation.T
+    first = before.first + participation / squares @ participation.T
+    second = before.second + participation / squares**2 @ participation.T
     limit = (2.0 * np.pi * cutoff_hz) ** 2 if cutoff_hz > 0.0 else lowest_participating(first, second)
     return Truncation(first, second, limit)

@@ -1,7 +1,4 @@
-"""The superelement: what every fidelity of a component is turned into.
-
-What the fixed-interface modes that a superelement leaves out would add at its boundary.
-"""
+"""The superelement that every fidelity of a component is turned into: matrices, recovery basis and error estimates."""
 
 from dataclasses import dataclass, field
 
@@ -88,6 +85,40 @@ class StaticLoad:
 
 
 @dataclass(frozen=True, eq=False)
+class Recovery:
+    """How every mesh point moves with the dofs.
+
+    Attributes:
+        basis: ``(3 n_points, n)`` displacement of every mesh point per unit dof.
+        points: ``(n_points, 3)`` in the component frame [m].
+    """
+
+    basis: FloatArray
+    points: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorEstimates:
+    """What is known of the errors of a superelement's matrices; None where nobody knows.
+
+    Attributes:
+        truncation: What the fixed-interface modes left out would add; None without mass, for components that are no reduced finite
+            element model, and for imported ones that do not say.
+        missing_energy: ``(n, n)`` estimated energy products of the discretisation errors of the dofs: what the strain energy of the
+            component is too large by is half of ``q^T E q``. None for components without a mesh, and for imported ones that do not say.
+        mesh_safety: What ``missing_energy`` is to be multiplied by, so that it covers the true errors in 95 of 100 cases.
+        shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the mesh cuts short or overshoots.
+        shape_mass: The same of the mass.
+    """
+
+    truncation: Truncation | None = None
+    missing_energy: FloatArray | None = None
+    mesh_safety: float = 2.0
+    shape_stiffness: FloatArray | None = None
+    shape_mass: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Superelement:
     """A component reduced to boundary and modal dofs, in its own frame, SI.
 
@@ -102,8 +133,7 @@ class Superelement:
         stiffness: ``(n, n)`` symmetric.
         mass: ``(n, n)`` symmetric.
         damping: ``(n, n)`` viscous or None.
-        recovery: ``(3 n_points, n)`` displacement of every mesh point per unit dof, or None.
-        recovery_points: ``(n_points, 3)`` in the component frame, or None.
+        recovery: Motion of the mesh points; None where it was not asked for, and on every rank but 0.
         constraints: ``(m, n)`` rows that must vanish, where interfaces share nodes; usually ``(0, n)``.
         modal_frequencies_hz: ``(n_modes,)`` fixed-interface frequencies of the modal dofs.
         cutoff_hz: Fixed-interface modes are complete up to here; inf for rigid bodies, 0 with none kept.
@@ -118,14 +148,7 @@ class Superelement:
         supported: Some of its points are fixed to the machine frame, so it has no rigid-body motions.
         stations: Control points of elastic rails, which have dofs of their own.
         rails: Interfaces that carriages slide along, by name.
-        truncation: What the fixed-interface modes left out would add; None without mass, for components that are no reduced finite
-            element model, and for imported ones that do not say.
-        missing_energy: ``(n, n)`` estimated energy products of the discretisation errors of the dofs: what the strain energy of the
-            component is too large by is half of ``q^T E q``. None for components without a mesh, and for imported ones that do not say.
-        mesh_safety: What ``missing_energy`` is to be multiplied by, so that it covers the true errors in 95 of 100 cases.
-        shape_stiffness: ``(n, n)`` change of ``stiffness`` by the part's curved faces, which the mesh cuts short or overshoots; None
-            where nobody knows.
-        shape_mass: The same of ``mass``.
+        errors: What the modes left out and the mesh make of its matrices.
     """
 
     name: str
@@ -134,9 +157,6 @@ class Superelement:
     attachments: dict[str, Attachment]
     stiffness: FloatArray
     mass: FloatArray
-    damping: FloatArray | None
-    recovery: FloatArray | None
-    recovery_points: FloatArray | None
     constraints: FloatArray
     modal_frequencies_hz: FloatArray
     cutoff_hz: float
@@ -144,6 +164,8 @@ class Superelement:
     mass_kg: float
     center_of_mass: FloatArray
     inertia: FloatArray
+    damping: FloatArray | None = None
+    recovery: Recovery | None = None
     residual: float = 0.0
     loads: dict[str, StaticLoad] = field(default_factory=dict)
     free_dofs: tuple[str, ...] = ()
@@ -151,11 +173,7 @@ class Superelement:
     warnings: tuple[str, ...] = ()
     stations: tuple[RailStation, ...] = ()
     rails: dict[str, Rail] = field(default_factory=dict)
-    truncation: Truncation | None = None
-    missing_energy: FloatArray | None = None
-    mesh_safety: float = 2.0
-    shape_stiffness: FloatArray | None = None
-    shape_mass: FloatArray | None = None
+    errors: ErrorEstimates = field(default_factory=ErrorEstimates)
 
     @property
     def node_size(self) -> int:

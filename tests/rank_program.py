@@ -58,7 +58,7 @@ def report(name, element, found):
         for load, vector in element.loads.items():
             answer = np.zeros(count)
             answer[6:] = np.linalg.solve(element.stiffness[np.ix_(free, free)], vector.vector[6:])
-            found[f"{name}.moved by {load}"] = element.recovery @ answer + vector.particular.ravel()
+            found[f"{name}.moved by {load}"] = element.recovery.basis @ answer + vector.particular.ravel()
 
 
 def main(path: Path) -> None:

@@ -127,7 +127,7 @@ def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owne
     for source, sizes in error.parts.items():
         for name, size in sizes.items():
             owner = name, DISCRETISATION if source == CURVED_FACES else source
-            covering = state.reduced[name].superelement.mesh_safety if source == DISCRETISATION else 1.0
+            covering = state.reduced[name].superelement.errors.mesh_safety if source == DISCRETISATION else 1.0
             if size > 0.0:
                 found[owner] = found.get(owner, 0.0) + size / covering / value
     return found
@@ -135,7 +135,9 @@ def _relative_parts(state: RunState, error: Estimate, value: float) -> dict[Owne
 
 def _short_of(state: RunState, hz: float) -> list[str]:
     """Components whose modes are complete only to below a frequency."""
-    return [name for name, part in state.reduced.items() if part.superelement.truncation and part.superelement.cutoff_hz <= hz]
+    return [
+        name for name, part in state.reduced.items() if part.superelement.errors.truncation and part.superelement.cutoff_hz <= hz
+    ]
 
 
 def weigh_estimates(

@@ -185,5 +185,5 @@ def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
     """
     size = len(superelement.labels)
     if superelement.recovery is not None and skin.nodes is not None:
-        return np.asarray(superelement.recovery.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
+        return np.asarray(superelement.recovery.basis.reshape(-1, 3, size)[skin.nodes].reshape(-1, size))
     return carried_motion(superelement, skin.points)

@@ -93,7 +93,7 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
 
 def _silent_imports(coupled: CoupledMachine) -> list[str]:
     """Components with modal dofs that do not say what their reduction left out."""
-    return [name for name, part in coupled.layout.superelements.items() if part.modal_count and part.truncation is None]
+    return [name for name, part in coupled.layout.superelements.items() if part.modal_count and part.errors.truncation is None]
 
 
 def _coupled_areas(state: RunState) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
@@ -136,9 +136,9 @@ def name_what_is_left_out(state: RunState, coupled: CoupledMachine) -> Estimate:
     surfaces = []
     for name, part in coupled.layout.superelements.items():
         fidelity = state.plan.components[name].fidelity
-        if part.missing_energy is None:
+        if part.errors.missing_energy is None:
             kinds.setdefault("the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []).append(name)
-        elif part.shape_stiffness is None and part.missing_energy.any():
+        elif part.errors.shape_stiffness is None and part.errors.missing_energy.any():
             surfaces.append(f"the curved faces of {name}{_missed_volume(state, name)}")
     return Estimate({}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces))
 

@@ -48,7 +48,7 @@ def _component_field(state: RunState, coupled: CoupledMachine, stacked: FloatArr
     superelement = state.reduced[name].superelement
     if superelement.recovery is None:
         raise ModelError(f"component {name!r} was reduced without a recovery basis, so nothing can be recovered at its probes")
-    field = superelement.recovery @ (turn_dofs(superelement, coupled.placements[name]) @ stacked[coupled.offsets[name]])
+    field = superelement.recovery.basis @ (turn_dofs(superelement, coupled.placements[name]) @ stacked[coupled.offsets[name]])
     factors: dict[str, float] = {}
     for load in state.scene.machine.loads.values():
         if load.component == name:

@@ -99,19 +99,20 @@ def cell_stresses(mesh: ComponentMesh, material: Material, displacement: FloatAr
     return np.concatenate(found)
 
 
-def _find_meshes(state: RunState) -> dict[str, ComponentMesh]:
+def _find_meshes(state: RunState) -> dict[str, tuple[ComponentMesh, FloatArray]]:
+    """Meshes of elastic components, with the recovery basis of their points."""
     found = {}
     for name, reduced in state.reduced.items():
         recovery = reduced.superelement.recovery
         if recovery is None or state.plan.components[name].fidelity != "elastic":
             continue
         mesh = state.meshes.get(name) or stored_mesh(state, state.plan.components[name])
-        if mesh is not None and 3 * len(mesh.points) == len(recovery):
-            found[name] = mesh
+        if mesh is not None and len(mesh.points) == len(recovery.points):
+            found[name] = mesh, recovery.basis
     return found
 
 
-def _encode_pose(state: RunState, pose: str, meshes: dict[str, ComponentMesh]) -> bytes:
+def _encode_pose(state: RunState, pose: str, meshes: dict[str, tuple[ComponentMesh, FloatArray]]) -> bytes:
     modes = next((modes for modes in state.modal if modes.pose.name == pose), None)
     motions = state.motions[pose]
     names = [] if modes is None else [mode_array(index) for index in range(modes.shapes.shape[1])]
@@ -124,8 +125,8 @@ def _encode_pose(state: RunState, pose: str, meshes: dict[str, ComponentMesh]) -
     for number, name in enumerate(state.reduced):
         if name not in meshes:
             continue
-        mesh, superelement, frame = meshes[name], state.reduced[name].superelement, state.views[pose].placements[name]
-        own = np.asarray(superelement.recovery) @ (turn_dofs(superelement, frame) @ stacked[motions.offsets[name]])
+        (mesh, basis), superelement, frame = meshes[name], state.reduced[name].superelement, state.views[pose].placements[name]
+        own = basis @ (turn_dofs(superelement, frame) @ stacked[motions.offsets[name]])
         points.append(mesh.points @ frame.rotation.T + frame.origin)
         blocks.append(CellBlock(VTK_KINDS[mesh.kind], mesh.cells[:, VTK_ORDER[mesh.kind]] + start))
         numbers.append(np.full(len(mesh.points), number, dtype=np.int32))

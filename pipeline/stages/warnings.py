@@ -33,7 +33,7 @@ def warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> l
 
     Source: the margin is that of Code_Aster R4.06.02 for dynamic substructuring.
     """
-    truncation = reduced.superelement.truncation
+    truncation = reduced.superelement.errors.truncation
     # without any mode kept the moments still tell where the first one lies
     cutoff = reduced.superelement.cutoff_hz if truncation is None else math.sqrt(truncation.limit) / (2.0 * math.pi)
     if not highest_hz > cutoff / CUTOFF_MARGIN:

@@ -26,7 +26,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
 
 FORMAT = "headstock superelement"
-VERSION = 1
+VERSION = 2  # 1 had the recovery basis and the error estimates among the matrices
 # limits of the child process that reads a file first: fixed, and growing with the file
 PROBE = "headstock.pipeline.storage.superelements"
 REFUSED = 3
@@ -89,8 +89,10 @@ def parse_superelement(content: BinaryIO, name: str) -> Superelement:
     try:
         with h5py.File(content, "r") as file:
             require_plain(file)
-            if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
-                raise RecordError(f"it is not a {FORMAT} file of version {VERSION}")
+            if file.attrs.get("format") != FORMAT:
+                raise RecordError(f"it is no {FORMAT} file")
+            if file.attrs.get("version") != VERSION:
+                raise RecordError(f"its version is {file.attrs.get('version')}, {VERSION} is read; export it again")
             superelement = read_record(file, Superelement)
     except RecordError as error:
         raise RecordError(f"{name}: {error}") from error
@@ -148,12 +150,13 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
     for name, value in single.items():
         if not value >= 0.0 or (np.isinf(value) and name != "cutoff_hz"):
             raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
-    if not 1.0 <= superelement.mesh_safety < np.inf:
-        raise RecordError(f"{path}: mesh_safety is {superelement.mesh_safety}; it must be a number of at least 1")
+    errors = superelement.errors
+    if not 1.0 <= errors.mesh_safety < np.inf:
+        raise RecordError(f"{path}: mesh_safety is {errors.mesh_safety}; it must be a number of at least 1")
     scale = dof_scale(superelement)
-    if superelement.missing_energy is not None:
-        _check_semidefinite(path, "missing_energy", superelement.missing_energy, scale)
-    truncation = superelement.truncation
+    if errors.missing_energy is not None:
+        _check_semidefinite(path, "missing_energy", errors.missing_energy, scale)
+    truncation = errors.truncation
     if truncation is not None:
         scale = scale[: superelement.boundary_size]
         _check_semidefinite(path, "truncation/first", truncation.first, scale)
@@ -198,9 +201,9 @@ def _check_places(path: str, superelement: Superelement) -> None:
             raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
         if (np.diff(rail.knots) < 0.0).any():
             raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
-    points = superelement.recovery_points
-    if points is None or not len(points):
+    if superelement.recovery is None or not len(superelement.recovery.points):
         return
+    points = superelement.recovery.points
     low, high = points.min(axis=0), points.max(axis=0)
     # a beam of segments is drawn as a line: its interfaces lie up to its length beside it
     outside = float(np.linalg.norm(high - low)) * (CONSISTENCY if superelement.modal_count else 1.0)
@@ -226,33 +229,32 @@ def _lowest_share(matrix: FloatArray, size: FloatArray, scale: FloatArray) -> fl
 
 def _check_shapes(path: str, superelement: Superelement) -> None:
     size = len(superelement.labels)
+    recovery, errors = superelement.recovery, superelement.errors
     expected = {
         "stiffness": (superelement.stiffness, (size, size)),
         "mass": (superelement.mass, (size, size)),
         "damping": (superelement.damping, (size, size)),
-        "missing_energy": (superelement.missing_energy, (size, size)),
-        "shape_stiffness": (superelement.shape_stiffness, (size, size)),
-        "shape_mass": (superelement.shape_mass, (size, size)),
+        "missing_energy": (errors.missing_energy, (size, size)),
+        "shape_stiffness": (errors.shape_stiffness, (size, size)),
+        "shape_mass": (errors.shape_mass, (size, size)),
         "constraints": (superelement.constraints, (len(superelement.constraints), size)),
         "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - superelement.boundary_size,)),
         "center_of_mass": (superelement.center_of_mass, (3,)),
         "inertia": (superelement.inertia, (3, 3)),
     }
-    points = superelement.recovery_points
-    if points is not None:
-        expected["recovery_points"] = (points, (len(points), 3))
-    if superelement.recovery is not None and superelement.recovery_points is not None:
-        expected["recovery"] = (superelement.recovery, (3 * len(superelement.recovery_points), size))
+    if recovery is not None:
+        expected["recovery/points"] = (recovery.points, (len(recovery.points), 3))
+        expected["recovery/basis"] = (recovery.basis, (3 * len(recovery.points), size))
     for name, load in superelement.loads.items():
         expected[f"loads/{name}"] = (load.vector, (size,))
         if load.particular is not None:
-            expected[f"loads/{name}/particular"] = (load.particular, (0 if points is None else 3 * len(points),))
-    if superelement.truncation is not None:
+            expected[f"loads/{name}/particular"] = (load.particular, (0 if recovery is None else 3 * len(recovery.points),))
+    if errors.truncation is not None:
         boundary = (superelement.boundary_size, superelement.boundary_size)
-        expected["truncation/first"] = (superelement.truncation.first, boundary)
-        expected["truncation/second"] = (superelement.truncation.second, boundary)
-        if not superelement.truncation.limit > 0.0:
-            raise RecordError(f"{path}: truncation/limit is {superelement.truncation.limit}; it must be above zero")
+        expected["truncation/first"] = (errors.truncation.first, boundary)
+        expected["truncation/second"] = (errors.truncation.second, boundary)
+        if not errors.truncation.limit > 0.0:
+            raise RecordError(f"{path}: truncation/limit is {errors.truncation.limit}; it must be above zero")
     for name, rail in superelement.rails.items():
         expected[f"rails/{name}/control"] = (rail.control, (STATION_DOFS * (len(rail.knots) - DEGREE - 1), size))
         expected[f"rails/{name}/center"] = (rail.center, (3,))

@@ -23,7 +23,7 @@ from headstock.reduction.components.fixed_interface_modes import (
 from headstock.reduction.components.interface_patches import assemble_loads
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
-from headstock.reduction.superelement import StaticLoad, Superelement
+from headstock.reduction.superelement import ErrorEstimates, Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.discretisation_error import estimate_mesh_errors, mesh_safety, sees_errors
@@ -100,33 +100,33 @@ def reduce_operators(
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
     gathered = _gather_recovery(operators, mesh, np.hstack([psi, modes.shapes])) if request.recovery else None
+    warnings, errors = remarks + result.warnings, ErrorEstimates()
     if request.errors and gathered is not None:
-        result = _estimate_errors(component, mesh, result, gathered)
+        errors = _estimate_errors(component, mesh, result, gathered)
+        if not sees_errors(mesh):
+            warnings += ("its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",)
     return dataclasses.replace(
         result,
         stiffness=without_rigid_stiffness(result, mesh.points, basis.supported, scale=operators.stiffness_scale),
-        recovery=gathered,
-        recovery_points=mesh.points,
+        recovery=None if gathered is None else Recovery(basis=gathered, points=mesh.points),
         residual=residual,
-        truncation=truncation,
-        warnings=remarks + result.warnings,
+        errors=dataclasses.replace(errors, truncation=truncation),
+        warnings=warnings,
         loads={name: StaticLoad(vector, _gather_recovery(operators, mesh, u[:, None])) for name, (vector, u) in reduced.items()},
     )
 
 
-def _estimate_errors(component: Component, mesh: ComponentMesh, element: Superelement, recovery: FloatArray) -> Superelement:
-    """The superelement with what its mesh makes of it, on rank 0 alone; zeros stand for what nobody knows."""
+def _estimate_errors(component: Component, mesh: ComponentMesh, element: Superelement, fields: FloatArray) -> ErrorEstimates:
+    """What its mesh makes of the displacement fields of a superelement's dofs; zeros stand for what nobody knows."""
     if not sees_errors(mesh):
-        remark = "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size"
-        return dataclasses.replace(element, missing_energy=np.zeros(element.stiffness.shape), warnings=(*element.warnings, remark))
-    found = estimate_mesh_errors(mesh, scaled_material(component, mesh), recovery, _rim_weights(component, mesh))
+        return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape))
+    found = estimate_mesh_errors(mesh, scaled_material(component, mesh), fields, _rim_weights(component, mesh))
     strained = np.eye(len(element.stiffness))
     if not element.supported:
         # rigid motions miss no energy: what rounding leaves of it would look large beside that of a soft mount
         rigid = np.linalg.qr(rigid_motions(element, element.center_of_mass))[0]
         strained -= rigid @ rigid.T
-    return dataclasses.replace(
-        element,
+    return ErrorEstimates(
         missing_energy=strained @ found.missing_energy @ strained,
         mesh_safety=mesh_safety(mesh),
         shape_stiffness=None if found.shape is None else strained @ found.shape.stiffness @ strained,

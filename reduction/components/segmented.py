@@ -20,7 +20,7 @@ from headstock.geometry.parts.solids import Tube
 from headstock.reduction.components.segment_chain import chain_stiffness, section_motion, segment_mass
 from headstock.reduction.components.segment_interfaces import SegmentedBar, attach_interfaces, surface_motion, traction_load
 from headstock.reduction.rails import Rail, lay_out_rail, station_motion
-from headstock.reduction.superelement import StaticLoad, Superelement
+from headstock.reduction.superelement import Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
 
@@ -64,9 +64,7 @@ def reduce_segmented(component: Component, properties: SolidProperties, loads: S
         attachments=row.attachments,
         stiffness=_over_all_nodes(row, _over_all_nodes(row, chain_stiffness(row.chain)).T),
         mass=mass,
-        damping=None,
-        recovery=_over_all_nodes(row, surface_motion(row.chain, points).T).T,
-        recovery_points=points,
+        recovery=Recovery(basis=_over_all_nodes(row, surface_motion(row.chain, points).T).T, points=points),
         constraints=row.constraints,
         modal_frequencies_hz=np.zeros(0),
         cutoff_hz=np.inf,

@@ -44,7 +44,7 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
     """The components of a machine that leave modes out."""
     parts = {}
     for name, superelement in coupled.layout.superelements.items():
-        truncation = superelement.truncation
+        truncation = superelement.errors.truncation
         if truncation is not None and np.isfinite(truncation.limit):
             own = turn_dofs(superelement, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]]
             parts[name] = TruncatedPart(truncation, own[: superelement.boundary_size])

@@ -44,21 +44,22 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
     """The components of a machine whose mesh has an estimate."""
     found = {}
     for name, part in coupled.layout.superelements.items():
-        if part.missing_energy is not None:
+        errors = part.errors
+        if errors.missing_energy is not None:
             rows = turn_dofs(part, coupled.placements[name]) @ coupled.basis[coupled.offsets[name]]
             # a fixed-interface mode is strained, so a mesh misses some of its energy
-            silent = np.diag(part.missing_energy) <= 0.0
+            silent = np.diag(errors.missing_energy) <= 0.0
             blind = bool(silent.all())
             silent[: part.boundary_size] &= blind
             reach = 0.0 if blind else part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
             found[name] = MeshedPart(
-                part.mesh_safety * part.missing_energy,
-                part.stiffness,
-                rows,
-                silent,
-                float(reach),
-                None if part.shape_stiffness is None else SHAPE_SAFETY * part.shape_stiffness,
-                None if part.shape_mass is None else SHAPE_SAFETY * part.shape_mass,
+                energy=errors.mesh_safety * errors.missing_energy,
+                stiffness=part.stiffness,
+                rows=rows,
+                silent=silent,
+                reach_hz=float(reach),
+                shape_stiffness=None if errors.shape_stiffness is None else SHAPE_SAFETY * errors.shape_stiffness,
+                shape_mass=None if errors.shape_mass is None else SHAPE_SAFETY * errors.shape_mass,
             )
     return found
 

@@ -53,13 +53,13 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
 
     Source: Lancaster and Salkauskas (1981), moving least squares; Shepard (1968).
     """
-    if superelement.recovery is None or superelement.recovery_points is None:
+    if superelement.recovery is None:
         return carried_motion(superelement, points)
-    known = superelement.recovery_points
+    known = superelement.recovery.points
     count = min(NEIGHBOURS, len(known))
     distances, neighbours = KDTree(known).query(points, k=count)
     result = np.zeros((len(points), 3, len(superelement.labels)))
-    field = superelement.recovery.reshape(len(known), 3, -1)
+    field = superelement.recovery.basis.reshape(len(known), 3, -1)
     for row, (distance, near) in enumerate(zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)):
         reach = max(float(distance.max()), np.finfo(float).tiny)
         arms = np.column_stack([np.ones(count), (known[near] - points[row]) / reach])

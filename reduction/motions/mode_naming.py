@@ -291,13 +291,13 @@ def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArr
     """
     superelement, placement = coupled.layout.superelements[motion.component], coupled.placements[motion.component]
     rotation = placement.rotation
-    if superelement.recovery is None or superelement.recovery_points is None:
+    if superelement.recovery is None:
         origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)
         field = motion.deformation[: superelement.boundary_size].reshape(-1, 6)[:, :3]
         return (origins - superelement.center_of_mass) @ rotation.T, field
-    step = max(1, len(superelement.recovery_points) // SAMPLES)
-    chosen = np.arange(0, len(superelement.recovery_points), step)
+    step = max(1, len(superelement.recovery.points) // SAMPLES)
+    chosen = np.arange(0, len(superelement.recovery.points), step)
     rows = (3 * chosen[:, None] + np.arange(3)).ravel()
     own = turn_dofs(superelement, placement) @ motion.deformation
-    field = (superelement.recovery[rows] @ own).reshape(-1, 3) @ rotation.T
-    return (superelement.recovery_points[chosen] - superelement.center_of_mass) @ rotation.T, field
+    field = (superelement.recovery.basis[rows] @ own).reshape(-1, 3) @ rotation.T
+    return (superelement.recovery.points[chosen] - superelement.center_of_mass) @ rotation.T, field

@@ -162,7 +162,7 @@ def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple
     """Reduce every component, or take it from the store; every rank gets all superelements, without what pictures need."""
     state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
     light = {
-        name: dataclasses.replace(superelement, recovery=None, recovery_points=None)
+        name: dataclasses.replace(superelement, recovery=None)
         for name, superelement in make_superelements(state, observer=observer).items()
     }
     return state, share_from_root(comm, light if state.is_root else None)

@@ -174,7 +174,7 @@ def test_a_mean_that_overlaps_a_rigid_patch_is_still_the_mean(reduced, block):
     patch = measure_patch(block, "all")
     points = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
     np.testing.assert_allclose(
-        patch.average_operator().T @ (two.recovery @ dofs)[points], dofs[6 * place : 6 * place + 6], rtol=1e-8
+        patch.average_operator().T @ (two.recovery.basis @ dofs)[points], dofs[6 * place : 6 * place + 6], rtol=1e-8
     )
 
 

@@ -64,8 +64,8 @@ def test_the_stated_mass_properties_are_those_of_the_block(element):
 
 def test_shapes_recovered_from_a_rigid_motion_are_rigid(element):
     motions = motions_about(element, (0.0, 0.0, 0.0))
-    points = element.recovery_points
-    turned = (element.recovery @ motions[:, 5]).reshape(-1, 3)
+    points = element.recovery.points
+    turned = (element.recovery.basis @ motions[:, 5]).reshape(-1, 3)
     np.testing.assert_allclose(turned, np.column_stack([-points[:, 1], points[:, 0], 0.0 * points[:, 2]]), atol=1e-10)
 
 

@@ -14,7 +14,7 @@ from headstock.geometry.frames import Frame
 from headstock.pipeline.results.files import OutputError, read_view
 from headstock.pipeline.storage.records import RecordError, require_plain
 from headstock.pipeline.storage.superelements import parse_superelement, read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, StaticLoad, Superelement, Truncation
+from headstock.reduction.superelement import Attachment, ErrorEstimates, Recovery, StaticLoad, Superelement, Truncation
 
 SECRET = b"TOPSECRET-PASSWORD-1234567890-abcdefghijklmnopqrstuvwxyz-ABCDEFGHIJ\n"
 FREQUENCIES = np.array([100.0, 200.0])
@@ -36,9 +36,7 @@ def bar() -> Superelement:
         attachments={"foot": Attachment(0, Frame())},
         stiffness=stiffness,
         mass=mass,
-        damping=None,
-        recovery=np.ones((9, 8)),
-        recovery_points=points,
+        recovery=Recovery(basis=np.ones((9, 8)), points=points),
         constraints=np.zeros((0, 8)),
         modal_frequencies_hz=FREQUENCIES,
         cutoff_hz=300.0,
@@ -48,8 +46,7 @@ def bar() -> Superelement:
         inertia=np.eye(3),
         loads={"push": StaticLoad(np.ones(8), np.ones(9))},
         warnings=("wobbles ± 3 µm → look",),
-        truncation=Truncation(part / 4e6, part / 16e12, 4e6),
-        missing_energy=np.eye(8),
+        errors=ErrorEstimates(truncation=Truncation(part / 4e6, part / 16e12, 4e6), missing_energy=np.eye(8)),
     )
 
 
@@ -108,9 +105,9 @@ def scale(factor: float, *names: str) -> Change:
     return change
 
 
-def attribute(name: str, value: object) -> Change:
+def attribute(name: str, value: object, group: str = "/") -> Change:
     def change(file: h5py.File, _: Path) -> None:
-        file.attrs[name] = value
+        file[group].attrs[name] = value
 
     return change
 
@@ -139,8 +136,8 @@ def twice(file: h5py.File, _: Path) -> None:
 
 
 def packed(file: h5py.File, _: Path) -> None:
-    del file["recovery_points"]
-    file.create_dataset("recovery_points", data=bar().recovery_points, compression="lzf")
+    del file["recovery/points"]
+    file.create_dataset("recovery/points", data=bar().recovery.points, compression="lzf")
 
 
 REACHING: dict[str, tuple[Change, str]] = {
@@ -164,15 +161,18 @@ REACHING: dict[str, tuple[Change, str]] = {
     "attribute of references": (refer_beside, "one number or word"),
 }
 LYING: dict[str, tuple[Change, str]] = {
-    "negative missing energy": (scale(-1.0, "missing_energy"), "missing_energy has a negative direction"),
-    "one negative missing energy": (entry("missing_energy", (7, 7), -1.0), "missing_energy has a negative direction"),
-    "unsymmetric missing energy": (entry("missing_energy", (0, 1), 0.5), "missing_energy is not symmetric"),
-    "an error made small": (attribute("mesh_safety", 0.01), "mesh_safety is 0.01"),
-    "a safety that is none": (attribute("mesh_safety", np.nan), "mesh_safety is nan"),
-    "negative truncation": (scale(-1.0, "truncation/first", "truncation/second"), "truncation/first has a negative direction"),
-    "negative second moment": (scale(-1.0, "truncation/second"), "truncation/second has a negative direction"),
-    "second moment too large": (scale(2.0, "truncation/second"), "larger than truncation/first allows"),
-    "no truncation limit": (lambda file, _: file["truncation"].attrs.__setitem__("limit", np.nan), "truncation/limit"),
+    "negative missing energy": (scale(-1.0, "errors/missing_energy"), "missing_energy has a negative direction"),
+    "one negative missing energy": (entry("errors/missing_energy", (7, 7), -1.0), "missing_energy has a negative direction"),
+    "unsymmetric missing energy": (entry("errors/missing_energy", (0, 1), 0.5), "missing_energy is not symmetric"),
+    "an error made small": (attribute("mesh_safety", 0.01, "errors"), "mesh_safety is 0.01"),
+    "a safety that is none": (attribute("mesh_safety", np.nan, "errors"), "mesh_safety is nan"),
+    "negative truncation": (
+        scale(-1.0, "errors/truncation/first", "errors/truncation/second"),
+        "truncation/first has a negative direction",
+    ),
+    "negative second moment": (scale(-1.0, "errors/truncation/second"), "truncation/second has a negative direction"),
+    "second moment too large": (scale(2.0, "errors/truncation/second"), "larger than truncation/first allows"),
+    "no truncation limit": (attribute("limit", np.nan, "errors/truncation"), "truncation/limit"),
     "cut-off NaN": (attribute("cutoff_hz", np.nan), "cutoff_hz is nan"),
     "negative cut-off": (attribute("cutoff_hz", -1.0), "cutoff_hz is -1"),
     "negative mass": (attribute("mass_kg", -2.0), "mass_kg is -2"),
@@ -184,14 +184,15 @@ LYING: dict[str, tuple[Change, str]] = {
     "half the stiffness": (scale(0.5, "stiffness"), "modal_frequencies_hz says"),
     "twice the mass": (scale(2.0, "mass"), "modal_frequencies_hz says"),
     "negative modal mass": (entry("mass", (7, 7), -1.0), "the mass of its modal dofs is not positive"),
+    "of another version": (attribute("version", 1), "its version is 1, 2 is read; export it again"),
     "moved interface": (put("attachments/foot/frame/origin", np.array([0.0, 0, 5])), "interface 'foot' lies outside the body"),
     "moved node": (put("frames/0/origin", np.array([0.0, 9, 0])), "node 0 lies outside the body"),
     "stretched frame": (put("attachments/foot/frame/rotation", 2.0 * np.eye(3)), "orthonormal"),
     "mirrored frame": (put("attachments/foot/frame/rotation", np.diag([1.0, 1, -1])), "right-handed"),
     "frame without numbers": (put("attachments/foot/frame/origin", np.full(3, np.nan)), "finite"),
     "load of another part": (put("loads/push/particular", np.ones(12)), "loads/push/particular has shape"),
-    "points in a plane": (put("recovery_points", np.ones((3, 2))), "recovery_points has shape"),
-    "no such node": (lambda file, _: file["attachments/foot"].attrs.__setitem__("node", 7), "sits on node 7"),
+    "points in a plane": (put("recovery/points", np.ones((3, 2))), "recovery/points has shape"),
+    "no such node": (attribute("node", 7, "attachments/foot"), "sits on node 7"),
 }
 NAMED: dict[str, tuple[Change, str]] = {
     "page in a name": (rename("attachments/foot", "attachments/%3Cimg src=x onerror=alert(1)%3E"), "is no name"),

@@ -80,9 +80,11 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path, make_box, mak
     assert len(found.stations) == 6 and found.boundary_size == element.boundary_size
     expected = carriage_rows(element.rails["rail"], 0.17, 0.25)
     np.testing.assert_array_equal(carriage_rows(found.rails["rail"], 0.17, 0.25), expected)
-    np.testing.assert_array_equal(found.truncation.first, element.truncation.first)
-    wrong = dataclasses.replace(element.truncation, second=element.truncation.second[:-1])
-    write_superelement(tmp_path / "wrong.h5", dataclasses.replace(element, truncation=wrong))
+    np.testing.assert_array_equal(found.errors.truncation.first, element.errors.truncation.first)
+    wrong = dataclasses.replace(element.errors.truncation, second=element.errors.truncation.second[:-1])
+    write_superelement(
+        tmp_path / "wrong.h5", dataclasses.replace(element, errors=dataclasses.replace(element.errors, truncation=wrong))
+    )
     with pytest.raises(RecordError, match="truncation/second has shape"):
         read_superelement(tmp_path / "wrong.h5")
     short = dataclasses.replace(element.rails["rail"], control=element.rails["rail"].control[:-4])

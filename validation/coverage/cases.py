@@ -161,7 +161,7 @@ def _solve(part: CoveragePart, settings: MeshSettings, modes: int, watched: int,
         ModeSet(found.frequencies_hz, field, found.rigid_count),
         places,
         np.diag(budget.compliance)[:3],
-        (np.asarray(covering / element.mesh_safety + 0.5 * bounds), np.asarray(soft / element.mesh_safety)),
+        (np.asarray(covering / element.errors.mesh_safety + 0.5 * bounds), np.asarray(soft / element.errors.mesh_safety)),
         (covering + shape[0].get("part", nothing) + bounds, np.asarray(soft + shape[1].get("part", np.zeros(6))[:3])),
         coupled,
     )
@@ -201,7 +201,7 @@ def _respond(coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False) 
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
-        plain = {name: np.asarray(each.energy / element.mesh_safety) for name, each in meshed.items()}
+        plain = {name: np.asarray(each.energy / element.errors.mesh_safety) for name, each in meshed.items()}
         meshed = {name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()}
     sources = ErrorSources(truncated_parts(coupled), meshed, {"part": LOSS_FACTOR})
     space = project_response(lossy, sources, modes, ports, float(grid.max()))

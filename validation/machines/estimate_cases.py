@@ -83,11 +83,11 @@ def unreduced(specimen: Specimen) -> MonolithicMachine:
 def keep_fewer(element: Superelement, count: int) -> Superelement:
     """The superelement as it would have been with fewer modes, and the moments of those it leaves out then."""
     boundary, size = element.boundary_size, element.boundary_size + count
-    if element.truncation is None or count >= element.modal_count:
+    if element.errors.truncation is None or count >= element.modal_count:
         return element
     left, squares = element.mass[:boundary, size:], (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2
-    first = element.truncation.first + (left / squares) @ left.T
-    second = element.truncation.second + (left / squares**2) @ left.T
+    first = element.errors.truncation.first + (left / squares) @ left.T
+    second = element.errors.truncation.second + (left / squares**2) @ left.T
     limit = float(squares[0]) if count else lowest_participating(first, second)
     return dataclasses.replace(
         element,
@@ -98,7 +98,7 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
         recovery=None,
         modal_frequencies_hz=element.modal_frequencies_hz[:count],
         cutoff_hz=float(element.modal_frequencies_hz[count]) if count else 0.0,
-        truncation=Truncation(first, second, limit),
+        errors=dataclasses.replace(element.errors, truncation=Truncation(first, second, limit)),
         rails={name: dataclasses.replace(rail, control=rail.control[:, :size]) for name, rail in element.rails.items()},
     )
 

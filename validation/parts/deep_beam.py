@@ -125,7 +125,7 @@ def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     coupled = couple({"beam": element}, Machine("deep beam", {"beam": part}, joints, loads={"line": load}), Pose("reference"))
     if element.recovery is None:
         raise ValueError("the beam was reduced without its recovery basis")
-    fields: FloatArray = element.recovery @ coupled.basis
+    fields: FloatArray = element.recovery.basis @ coupled.basis
     axis = int(np.argmin(np.linalg.norm(mesh.points - MIDDLE, axis=1)))
     unit: FloatArray = np.eye(fields.shape[1])
     outputs: dict[Port, FloatArray] = {MOVED: fields[3 * axis]}

@@ -30,7 +30,7 @@ from headstock.pipeline.storage.content_keys import code_fingerprint, mesh_key, 
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.store import Store, default_store_root, entry_path, read_entry, write_entry
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.reduction.superelement import Attachment, StaticLoad, Superelement
+from headstock.reduction.superelement import Attachment, Recovery, StaticLoad, Superelement
 
 KEY = "ab" + 62 * "0"
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -68,9 +68,10 @@ def make_superelement() -> Superelement:
         attachments={"foot": Attachment(0, Frame()), "tip/upper": Attachment(0, Frame(np.ones(3)))},
         stiffness=stiffness + stiffness.T,
         mass=np.eye(8),
-        damping=None,
-        recovery=rng.normal(size=(12, 8)),
-        recovery_points=np.vstack([rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]),
+        recovery=Recovery(
+            basis=rng.normal(size=(12, 8)),
+            points=np.vstack([rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]),
+        ),
         constraints=np.zeros((0, 8)),
         modal_frequencies_hz=np.array([100.0, 200.0]),
         cutoff_hz=float("inf"),

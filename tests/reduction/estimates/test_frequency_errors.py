@@ -51,11 +51,11 @@ def participations(whole, kept):
 def test_moments_are_the_sums_over_the_modes_left_out(reduce, couplings, count):
     element = reduce(couplings, count)
     left, squares = participations(reduce(couplings, EVERY), element.modal_count)
-    for found, power in ((element.truncation.first, 1), (element.truncation.second, 2)):
+    for found, power in ((element.errors.truncation.first, 1), (element.errors.truncation.second, 2)):
         exact = (left / squares**power) @ left.T
         size = np.sqrt(exact.diagonal())
         np.testing.assert_allclose(found / np.outer(size, size), exact / np.outer(size, size), atol=1e-6)
-    assert element.truncation.limit == pytest.approx(squares[0], rel=1e-9 if count else 0.05)
+    assert element.errors.truncation.limit == pytest.approx(squares[0], rel=1e-9 if count else 0.05)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
@@ -65,17 +65,20 @@ def test_the_modes_left_out_lie_between_the_two_sums(reduce, share):
     square = share * squares[0]
     exact = (left / (squares - square)) @ left.T
     scale = 1.0 / np.sqrt(exact.diagonal())
-    for gap in (exact - least_participation(element.truncation, square), most_participation(element.truncation, square) - exact):
+    for gap in (
+        exact - least_participation(element.errors.truncation, square),
+        most_participation(element.errors.truncation, square) - exact,
+    ):
         assert np.linalg.eigvalsh(scale[:, None] * gap * scale)[0] > -1e-6
 
 
 def test_all_modes_kept_leave_nothing_out(reduce):
-    assert not reduce(("rigid", "rigid"), EVERY).truncation.first.any()
-    assert reduce(("rigid", "rigid"), EVERY).truncation.limit == np.inf
+    assert not reduce(("rigid", "rigid"), EVERY).errors.truncation.first.any()
+    assert reduce(("rigid", "rigid"), EVERY).errors.truncation.limit == np.inf
 
 
 def test_there_is_no_bound_beyond_the_lowest_mode_left_out(reduce):
-    truncation = reduce(("rigid", "rigid"), 4).truncation
+    truncation = reduce(("rigid", "rigid"), 4).errors.truncation
     with pytest.raises(ValueError, match="beyond the lowest mode"):
         most_participation(truncation, truncation.limit)
 

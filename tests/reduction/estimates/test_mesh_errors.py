@@ -51,7 +51,7 @@ def numbers(coupled):
     errors = frequency_mesh_errors(coupled, modes)["body"] / modes.frequencies_hz
     softer = np.diag(compliance_mesh_errors(coupled, budget.displacements)["body"])[:3] / soft
     # as estimated, without the factor that covers 95 %
-    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements["body"].mesh_safety
+    return np.r_[modes.frequencies_hz, soft], np.r_[errors, softer] / coupled.layout.superelements["body"].errors.mesh_safety
 
 
 def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(column):
@@ -71,7 +71,7 @@ def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the
 def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column):
     coupled, exact = column("tet10", (1, 2, 6)), column(*FINE)
     element, count = coupled.layout.superelements["body"], 18
-    assert (np.diag(element.missing_energy)[element.boundary_size :] > 0.0).all()
+    assert (np.diag(element.errors.missing_energy)[element.boundary_size :] > 0.0).all()
     modes, right = (solve_modal(each.system, count=count).frequencies_hz for each in (coupled, exact))
     errors = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=count))["body"]
     assert modes[-1] > 0.9 * element.cutoff_hz
@@ -81,9 +81,9 @@ def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column):
 def test_what_a_file_does_not_estimate_is_unknown_not_zero(column):
     coupled = column("tet10", (1, 2, 6))
     element = coupled.layout.superelements["body"]
-    missing = element.missing_energy.copy()
+    missing = element.errors.missing_energy.copy()
     missing[-6:] = missing[:, -6:] = 0.0
-    poorer = dataclasses.replace(element, missing_energy=missing)
+    poorer = dataclasses.replace(element, errors=dataclasses.replace(element.errors, missing_energy=missing))
     coupled = dataclasses.replace(coupled, layout=dataclasses.replace(coupled.layout, superelements={"body": poorer}))
     modes = solve_modal(coupled.system)
     errors = frequency_mesh_errors(coupled, modes)["body"]
@@ -99,13 +99,13 @@ def test_rigid_motions_of_a_free_component_miss_no_energy(make_box, make_compone
     motions = np.zeros((len(element.labels), 6))
     for node, frame in enumerate(element.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(np.array([3.0, -2.0, 1.0]), frame.origin)
-    energies = np.diag(motions.T @ element.missing_energy @ motions)
-    assert np.abs(energies).max() < 1e-12 * np.trace(element.missing_energy)
-    assert np.linalg.eigvalsh(element.missing_energy)[0] > -1e-9 * np.trace(element.missing_energy)
+    energies = np.diag(motions.T @ element.errors.missing_energy @ motions)
+    assert np.abs(energies).max() < 1e-12 * np.trace(element.errors.missing_energy)
+    assert np.linalg.eigvalsh(element.errors.missing_energy)[0] > -1e-9 * np.trace(element.errors.missing_energy)
 
 
 def test_what_is_not_asked_for_is_not_estimated(make_box, make_component):
     component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     mesh = make_box((1, 1, 2), SIZE, {"foot": "z-", "tip": "z+"})
     request = ReductionRequest(ModeTarget(count=2), errors=False)
-    assert reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).missing_energy is None
+    assert reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy is None

@@ -38,7 +38,7 @@ def column(make_box, make_component):
         mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
         element = reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16)))
         # as estimated, without the factor that covers 95 %
-        element = dataclasses.replace(element, mesh_safety=1.0)
+        element = dataclasses.replace(element, errors=dataclasses.replace(element.errors, mesh_safety=1.0))
         machine = Machine("column", {"body": component}, {"clamp": clamp} if held else {}, points=points)
         return couple({"body": element}, machine, Pose("reference"))
 

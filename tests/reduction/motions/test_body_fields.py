@@ -18,7 +18,7 @@ from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_fields import choose_places, machine_field, place_motion
 from headstock.reduction.requests import ReductionRequest
-from headstock.reduction.superelement import Superelement
+from headstock.reduction.superelement import Recovery, Superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 
@@ -71,7 +71,7 @@ def test_a_linear_field_known_at_scattered_points_is_met_exactly_between_them() 
     known = random.uniform(-0.5, 0.5, (80, 3))
     slopes = random.standard_normal((6, 3, 3))
     field = np.stack([(known @ slope.T + 1.0).ravel() for slope in slopes], axis=1)
-    measured = dataclasses.replace(part, recovery=field, recovery_points=known)
+    measured = dataclasses.replace(part, recovery=Recovery(basis=field, points=known))
     wanted = random.uniform(-0.4, 0.4, (10, 3))
     found = place_motion(measured, wanted)
     for column, slope in enumerate(slopes):
@@ -101,7 +101,7 @@ def test_modes_of_segments_and_of_finite_elements_are_the_same_motions(make_box,
 
 
 def test_a_body_that_only_its_nodes_carry_is_met_in_its_nodes() -> None:
-    part = dataclasses.replace(segmented_bar(), recovery=None, recovery_points=None)
+    part = dataclasses.replace(segmented_bar(), recovery=None)
     center = np.array([[0.0, 0.0, 0.19]])  # of segment 10
     found = place_motion(part, center)
     assert found[:, 54:57] == pytest.approx(np.eye(3), abs=1e-9)
