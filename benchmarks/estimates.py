@@ -25,6 +25,7 @@ from headstock.app.actions.running import RunRequest, run_request
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import frf as frf_stages
 from headstock.pipeline.stages import machine
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.reduction.components import elastic
 
 MACHINES = Path(__file__).resolve().parents[1] / "machines"
@@ -58,7 +59,8 @@ def main() -> None:
         file, _, variant = name.partition(":")
         with tempfile.TemporaryDirectory() as folder:
             os.environ["HEADSTOCK_STORE"] = f"{folder}/store"
-            request = RunRequest(MACHINES / f"{file}.toml", Path(folder) / "out", variant or None, (), (), None, None)
+            chosen = SceneChoice(MACHINES / f"{file}.toml", variant or None)
+            request = RunRequest(scene=chosen, output=Path(folder) / "out")
             for store in ("empty", "full"):
                 clock.stages.clear()
                 marks.clear()

@@ -19,6 +19,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -162,23 +163,6 @@ def _open_as_nan(values: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class ScenePlan:
-    """A scene and how it is read.
-
-    Attributes:
-        path: The file.
-        variant: Of the scene.
-        overrides: ``key=value``.
-        analyses: Only these; all where it is empty.
-    """
-
-    path: Path
-    variant: str | None = None
-    overrides: tuple[str, ...] = ()
-    analyses: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class EffectTrial:
     """What an effect does.
 
@@ -227,11 +211,11 @@ class EffectTrial:
         return "keep it" if self.named else "name it"
 
 
-def try_effects(plan: ScenePlan, store: Store, *, announce: Callable[[str], None] = lambda text: None) -> Iterator[EffectTrial]:
+def try_effects(choice: SceneChoice, store: Store, *, announce: Callable[[str], None] = lambda text: None) -> Iterator[EffectTrial]:
     """Run a scene as written, then once per effect with that effect switched the other way.
 
     Args:
-        plan: The scene.
+        choice: The scene.
         store: Where meshes and superelements are kept: no effect changes them, and no time of theirs is counted.
         announce: Told what is run.
 
@@ -239,7 +223,7 @@ def try_effects(plan: ScenePlan, store: Store, *, announce: Callable[[str], None
         SceneError: The scene as written has problems.
         HeadstockError: It cannot be run as written.
     """
-    bench = _Bench(plan, store, announce)
+    bench = _Bench(choice, store, announce)
     scene, written = bench.scene, bench.run((), least=2)
     for effect in EFFECT_NAMES:
         named, beside = effect in scene.effects, _missing_need(effect, scene)
@@ -317,25 +301,25 @@ class _Run:
 class _Bench:
     """Runs a scene with effects switched, each choice of them once."""
 
-    def __init__(self, plan: ScenePlan, store: Store, announce: Callable[[str], None]) -> None:
-        self._plan, self._store, self._announce = plan, store, announce
+    def __init__(self, choice: SceneChoice, store: Store, announce: Callable[[str], None]) -> None:
+        self._choice, self._store, self._announce = choice, store, announce
         self._known: dict[tuple[str, ...], _Run] = {}
-        self.scene = _load(plan, ())
+        self.scene = _load(choice, ())
         announce("as written")
         _run(self.scene, store)
 
     def run(self, switches: tuple[str, ...], *, least: int = 1) -> _Run:
         """A run with overrides; raises what loading and running raise."""
         if switches not in self._known:
-            scene = _load(self._plan, switches)
+            scene = _load(self._choice, switches)
             self._announce(" ".join(switches) or "as written")
             self._known[switches] = _Run(*_run_timed(scene, self._store, least=least))
         return self._known[switches]
 
 
-def _load(plan: ScenePlan, switches: tuple[str, ...]) -> Scene:
-    scene = load_scene(plan.path, variant=plan.variant, overrides=[*plan.overrides, *switches])
-    return keep_analyses(scene, plan.analyses) if plan.analyses else scene
+def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
+    scene = load_scene(choice.path, variant=choice.variant, overrides=[*choice.overrides, *switches])
+    return keep_analyses(scene, choice.analyses) if choice.analyses else scene
 
 
 def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[Json, list[float]]:

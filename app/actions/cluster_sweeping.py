@@ -38,7 +38,7 @@ from headstock.studies.sweeps.slurm_tools import SlurmError, SlurmMissingError, 
 LAUNCHER = PROJECT / "headstock"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ClusterRequest:
     """What the command line asked of the cluster.
 

@@ -23,7 +23,7 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
@@ -34,21 +34,20 @@ from headstock.studies.variants import VariantChoice, VariantSolution, choose_va
 PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CompareRequest:
-    """What the command line asked for."""
+    """What the command line asked for; the scene as written, since each column is a variant of it."""
 
-    scene: Path
-    output: Path | None
-    variants: tuple[str, ...]
-    fidelities: tuple[str, ...]
-    overrides: tuple[str, ...]
-    pose: str | None
-    reference: str | None
-    ranks: int | None
-    effort: bool
-    change: tuple[str, ...]
-    json_file: Path | None
+    scene: SceneChoice
+    output: Path | None = None
+    variants: tuple[str, ...] = ()
+    fidelities: tuple[str, ...] = ()
+    pose: str | None = None
+    reference: str | None = None
+    ranks: int | None = None
+    effort: bool = False
+    change: tuple[str, ...] = ()
+    json_file: Path | None = None
 
 
 def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
@@ -63,7 +62,7 @@ def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance 
     require_ranks(request.ranks, comm)
     request = make_on_root(comm, partial(_with_settings, request))
     choices = make_on_root(comm, partial(_choose, request))
-    folder = request.output or Path("results") / f"{request.scene.stem}-compare"
+    folder = request.output or Path("results") / f"{request.scene.path.stem}-compare"
     with claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         summary, solutions = _solve_all(request, choices, comm)
         if comm.rank == 0:
@@ -79,7 +78,7 @@ def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance 
 
 def _with_settings(request: CompareRequest) -> CompareRequest:
     """What the command line leaves open, as the scene's own table has it."""
-    scene = load_scene(request.scene, overrides=request.overrides)
+    scene = load_scene(request.scene.path, overrides=request.scene.overrides)
     warn_of_unused_accuracy(scene)
     settings = scene.compare
     return dataclasses.replace(
@@ -93,47 +92,48 @@ def _with_settings(request: CompareRequest) -> CompareRequest:
 
 
 def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
-    known = get_args(Fidelity)
+    known, path = get_args(Fidelity), request.scene.path
     for fidelity in request.fidelities:
         if fidelity not in known:
             raise click.UsageError(f"there is no fidelity {fidelity!r}; {suggest_names(fidelity, known, what='fidelities')}")
     fidelities: list[Fidelity] = [known[known.index(fidelity)] for fidelity in request.fidelities]
-    choices = choose_variants(request.scene, request.variants, fidelities=fidelities, overrides=request.overrides)
+    choices = choose_variants(path, request.variants, fidelities=fidelities, overrides=request.scene.overrides)
     names = [choice.name for choice in choices]
     if request.reference is not None and request.reference not in names:
         raise click.UsageError(
             f"there is no variant {request.reference!r}; {suggest_names(request.reference, names, what='columns')}"
         )
     for choice in choices:
-        scene = load_scene(request.scene, variant=choice.variant, overrides=choice.overrides)
+        scene = load_scene(path, variant=choice.variant, overrides=choice.overrides)
         if scene.is_lumped:
-            raise click.UsageError(f"{request.scene} describes a lumped mechanism; compare takes machines of components and joints")
+            raise click.UsageError(f"{path} describes a lumped mechanism; compare takes machines of components and joints")
         if request.pose is not None and request.pose not in scene.poses:
             raise click.UsageError(f"there is no pose {request.pose!r}; {suggest_names(request.pose, scene.poses, what='poses')}")
         if request.change:
             changed = _change(choice, request.change, scene.variants)
-            load_scene(request.scene, variant=changed.variant, overrides=changed.overrides)
+            load_scene(path, variant=changed.variant, overrides=changed.overrides)
     return choices
 
 
 def _solve_all(request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm) -> tuple[Json, list[VariantSolution]]:
+    path = request.scene.path
     solutions: list[VariantSolution] = []
     efforts: Json = {}
     for choice in choices:
         with _store(cold=request.effort) as store:
-            solution = solve_variant(request.scene, choice, pose=request.pose, comm=comm, store=store)
+            solution = solve_variant(path, choice, pose=request.pose, comm=comm, store=store)
             runs = {"first": solution}
             if request.change:
-                known = tuple(load_scene(request.scene).variants)
+                known = tuple(load_scene(path).variants)
                 changed = _change(choice, request.change, known)
-                runs["changed"] = solve_variant(request.scene, changed, pose=request.pose, comm=comm, store=store)
+                runs["changed"] = solve_variant(path, changed, pose=request.pose, comm=comm, store=store)
         if solution is not None:
             solutions.append(solution)
             efforts[choice.name] = {name: summarise_effort(run.effort) for name, run in runs.items() if run is not None}
             print_variant(choice.name, efforts[choice.name])
     if not solutions:
         return {}, []
-    name = load_scene(request.scene).name
+    name = load_scene(path).name
     summary = summarise_comparison(compare_variants(solutions, scene=name, reference=request.reference))
     if request.effort:
         summary["effort"] = {"change": list(request.change), "variants": efforts}

@@ -14,10 +14,10 @@ from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
-from headstock.studies.effects import UNITS, Change, EffectTrial, ScenePlan, rank_trials, summarise_trials, try_effects
+from headstock.studies.effects import UNITS, Change, EffectTrial, rank_trials, summarise_trials, try_effects
 
 SHOWN = 3  # answers per effect
 CLEARLY = 0.05  # share of the time from which it is told as a number
@@ -68,12 +68,12 @@ def _describe(change: Change) -> str:
     return f"{before} → {after} {unit} ({change.entry})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EffectsRequest:
     """What the command line asked for."""
 
-    plan: ScenePlan
-    json_file: Path | None
+    scene: SceneChoice
+    json_file: Path | None = None
     origin: Provenance | None = None
 
 
@@ -85,14 +85,14 @@ def effects_request(request: EffectsRequest) -> int:
         click.UsageError: An option does not fit.
         HeadstockError: The scene cannot be run as written.
     """
-    plan = request.plan
+    chosen = request.scene
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
-    scene = load_scene(plan.path, variant=plan.variant, overrides=plan.overrides)
-    select_analyses(scene, plan.analyses)
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    select_analyses(scene, chosen.analyses)
     print(f"{scene.name}: every effect switched the other way, one at a time; processor seconds, meshing and reduction not counted")
     with show_progress() as progress:
-        trials = list(try_effects(plan, Store(default_store_root()), announce=lambda text: progress.begin(text, 0.0)))
+        trials = list(try_effects(chosen, Store(default_store_root()), announce=lambda text: progress.begin(text, 0.0)))
     ranked = rank_trials(trials)
     print_trials(ranked)
     if request.json_file is not None:

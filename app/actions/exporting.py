@@ -11,23 +11,21 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
 from headstock.pipeline.exports import export_state_space, export_superelement
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
 from headstock.scene.scene import Scene
 from headstock.solvers.ranks import make_on_root
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExportRequest:
     """What the command line asked for."""
 
-    scene: Path
+    scene: SceneChoice
     component: str
     output: Path
-    variant: str | None
-    overrides: tuple[str, ...]
-    ranks: int | None
+    ranks: int | None = None
     origin: Provenance | None = None
 
 
@@ -67,6 +65,7 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
 
 
 def _load(request: ExportRequest) -> Scene:
-    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    chosen = request.scene
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     warn_of_unused_accuracy(scene)
     return scene

@@ -16,7 +16,7 @@ from headstock.app.terminal.console import add_row, make_console, make_table, pr
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
@@ -116,16 +116,15 @@ def _print_doubts(found: Identification) -> None:
         console.print(text, markup=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentifyRequest:
     """What the command line asked for."""
 
-    scene: Path
+    scene: SceneChoice
     targets: Path
-    output: Path | None
-    starts: int | None
-    overrides: tuple[str, ...]
-    json_file: Path | None
+    output: Path | None = None
+    starts: int | None = None
+    json_file: Path | None = None
 
 
 def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -> int:
@@ -136,11 +135,11 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         HeadstockError: A computation failed.
     """
     begin = time.perf_counter()
-    loaded = load_targets(request.targets, request.scene, overrides=request.overrides)
+    loaded = load_targets(request.targets, request.scene.path, overrides=request.scene.overrides)
     if request.starts is not None:
         settings = dataclasses.replace(loaded.task.settings, starts=request.starts)
         loaded = dataclasses.replace(loaded, task=dataclasses.replace(loaded.task, settings=settings))
-    output = request.output or Path("results") / f"{request.scene.stem}-{request.targets.stem}"
+    output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
     with claim_output(output, (OVERRIDES_FILE, RECORD_FILE)):
         print_task(loaded.task)
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
@@ -149,7 +148,7 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         if origin is not None:
             summary["provenance"] = origin.summarise()
         command = _command(request, loaded.task.settings.starts, with_folders=origin is None or origin.command is not None)
-        written = load_scene(request.scene, overrides=request.overrides)
+        written = load_scene(request.scene.path, overrides=request.scene.overrides)
         write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
         write_output(output / RECORD_FILE, dump_json(summary).encode())
         if request.json_file is not None:
@@ -160,7 +159,7 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
 
 def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> str:
     """How to get the same again."""
-    files = [str(path) if with_folders else path.name for path in (request.scene, request.targets)]
+    files = [str(path) if with_folders else path.name for path in (request.scene.path, request.targets)]
     return shlex.join(
-        ["./headstock", "identify", *files, "--starts", str(starts), *(f"--set={text}" for text in request.overrides)]
+        ["./headstock", "identify", *files, "--starts", str(starts), *(f"--set={text}" for text in request.scene.overrides)]
     )

@@ -22,7 +22,7 @@ from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -30,17 +30,14 @@ from headstock.solvers.ranks import make_on_root, share_from_root
 DRAWING_SECONDS = 4.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunRequest:
     """What the command line asked for."""
 
-    scene: Path
-    output: Path | None
-    variant: str | None
-    analyses: tuple[str, ...]
-    overrides: tuple[str, ...]
-    ranks: int | None
-    json_file: Path | None
+    scene: SceneChoice
+    output: Path | None = None
+    ranks: int | None = None
+    json_file: Path | None = None
     figures: bool = True
     accuracy: str | None = None
     volume: bool = False
@@ -59,7 +56,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
     scene = make_on_root(comm, lambda: _load(request))
-    stem = scene.path.stem + (f"-{request.variant}" if request.variant else "")
+    stem = scene.path.stem + (f"-{request.scene.variant}" if request.scene.variant else "")
     output = request.output or Path("results") / stem
     with contextlib.ExitStack() as claims:
         make_on_root(
@@ -131,9 +128,10 @@ def _run_with_progress(scene: Scene, output: Path, comm: MPI.Comm, *, volume: bo
 
 
 def _load(request: RunRequest) -> Scene:
-    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    chosen = request.scene
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     if request.accuracy is not None:
         # what the scene allows beside the number stays as it is
         key = "accuracy" if scene.accuracy is None else "accuracy.to"
-        scene = load_scene(request.scene, variant=request.variant, overrides=(*request.overrides, f"{key}={request.accuracy}"))
-    return select_analyses(scene, request.analyses)
+        scene = load_scene(chosen.path, variant=chosen.variant, overrides=(*chosen.overrides, f"{key}={request.accuracy}"))
+    return select_analyses(scene, chosen.analyses)

@@ -26,7 +26,7 @@ FACES_SHOWN = 40
 SHORT_LINE = 100
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ShowRequest:
     """What the command line asked for."""
 

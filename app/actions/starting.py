@@ -70,7 +70,7 @@ tip = { face = "z+", coupling = "average" }
 # pad = { face = "x+", rect = { center = ["0 mm", "300 mm"], size = ["60 mm", "80 mm"] } }"""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class StartRequest:
     """What the command line asked for."""
 

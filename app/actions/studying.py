@@ -25,7 +25,7 @@ from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -42,20 +42,18 @@ TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
 Extra = dict[str, bytes]  # further files of a study, by name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StudyRequest:
     """What the command line asked for."""
 
-    scene: Path
+    scene: SceneChoice
     name: str
-    output: Path | None
-    variant: str | None
-    overrides: tuple[str, ...]
-    ranks: int | None
-    cold: bool
-    repeats: int | None
-    retry: bool
-    json_file: Path | None
+    output: Path | None = None
+    ranks: int | None = None
+    cold: bool = False
+    repeats: int | None = None
+    retry: bool = False
+    json_file: Path | None = None
 
 
 def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
@@ -69,7 +67,7 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
     start = time.perf_counter()
     require_ranks(request.ranks, comm)
     job = make_on_root(comm, lambda: _make_job(request))
-    folder = request.output or Path("results") / f"{request.scene.stem}-{request.name}"
+    folder = request.output or Path("results") / f"{request.scene.path.stem}-{request.name}"
     with claim_output(folder, (TABLE_FILE, LISTING_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         records = run_study(job, folder, comm=comm, observer=print_progress)
         if comm.rank == 0:
@@ -82,22 +80,23 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
 
 
 def _make_job(request: StudyRequest) -> StudyJob:
-    content = hash_scene(request.scene) if request.scene.is_file() else ""
-    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    chosen = request.scene
+    content = hash_scene(chosen.path) if chosen.path.is_file() else ""
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     if request.name not in scene.studies:
         raise click.UsageError(
-            f"{request.scene} has no study {request.name!r}; {suggest_names(request.name, scene.studies, what='studies')}"
+            f"{chosen.path} has no study {request.name!r}; {suggest_names(request.name, scene.studies, what='studies')}"
         )
     study = scene.studies[request.name]
     changes: dict[str, Any] = {"cold": True} if request.cold else {}
     changes |= {"repeats": request.repeats} if request.repeats is not None else {}
     job = StudyJob(
-        path=request.scene,
+        path=chosen.path,
         study=dataclasses.replace(study, **changes),
         raw=scene.raw,
         content=content,
-        variant=request.variant,
-        overrides=request.overrides,
+        variant=chosen.variant,
+        overrides=chosen.overrides,
         measure=None if study.reference is None else functools.partial(measure_beam, study.reference),
         measure_name="" if study.reference is None else f"{study.reference} {code_fingerprint(headstock.validation)}",
         retry=request.retry,
@@ -111,7 +110,7 @@ def _publish(
 ) -> list[str]:
     """Write the files of a study beside its records, and print what a reference says of it; remarks for the user."""
     extra: Extra = {}
-    listing = list_study(table, request.scene)
+    listing = list_study(table, request.scene.path)
     if table.study.reference is not None:
         listing |= _add_ladder(ladder_beam(table.study.reference), records, extra)
     if table.study.truth is not None:

@@ -26,7 +26,7 @@ from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, prepare_output, write_beside, write_output
-from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -76,18 +76,16 @@ def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     return DONE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SweepRequest:
     """What the command line asked for; a part only in a task of an array job, whose key says what was submitted."""
 
-    scene: Path
+    scene: SceneChoice
     name: str
-    output: Path | None
-    variant: str | None
-    overrides: tuple[str, ...]
-    ranks: int | None
-    retry: bool
-    json_file: Path | None
+    output: Path | None = None
+    ranks: int | None = None
+    retry: bool = False
+    json_file: Path | None = None
     cluster: SlurmOptions | None = None
     wait: bool = True
     part: Part | None = None
@@ -131,10 +129,10 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
 
 def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None) -> int:
     here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
-    words = [word for text in request.overrides for word in ("--set", text)]
-    words += ["--variant", request.variant] if request.variant else []
+    words = [word for text in request.scene.overrides for word in ("--set", text)]
+    words += ["--variant", request.scene.variant] if request.scene.variant else []
     words += ["--retry"] if request.retry else []
-    cluster = ClusterRequest(options, tuple(words), request.retry, request.wait)
+    cluster = ClusterRequest(options=options, arguments=tuple(words), retry=request.retry, wait=request.wait)
     return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
 
 
@@ -158,17 +156,16 @@ def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder
 
 
 def _make_job(request: SweepRequest) -> SweepJob:
-    scene = load_scene(request.scene, variant=request.variant, overrides=request.overrides)
+    chosen = request.scene
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
     if request.name not in scene.sweeps:
         raise click.UsageError(
-            f"{request.scene} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
+            f"{chosen.path} has no sweep {request.name!r}; {suggest_names(request.name, scene.sweeps, what='sweeps')}"
         )
-    scene = prepare_sweep(scene, request.name, overrides=request.overrides)
+    scene = prepare_sweep(scene, request.name, overrides=chosen.overrides)
     if scene.analyses.static is None and scene.analyses.modal is None and scene.analyses.frf is None:
-        raise click.UsageError(
-            f"{request.scene} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
-        )
+        raise click.UsageError(f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]")
     warn_of_unused_accuracy(scene)
-    stem = "-".join(filter(None, [request.scene.stem, request.name, request.variant]))
+    stem = "-".join(filter(None, [chosen.path.stem, request.name, chosen.variant]))
     folder = request.output or Path("results") / stem
     return SweepJob(select_analyses(scene), scene.sweeps[request.name], folder, request.part or Part(), request.retry)

@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 import click
 import typer
 
-from headstock.app.commands.options import Debug, JsonFile, NoHost, Overrides, Ranks, SceneFile, Variant, split_list, trace_command
+from headstock.app.commands.options import (
+    Debug,
+    JsonFile,
+    NoHost,
+    Overrides,
+    Ranks,
+    SceneFile,
+    Variant,
+    choose_scene,
+    split_list,
+    trace_command,
+)
 from headstock.app.terminal.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -38,9 +49,11 @@ def study(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.studying import StudyRequest, study_request
 
-        settings = (output, variant, tuple(set_ or ()), ranks)
-        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
-        request = StudyRequest(scene, name, *settings, cold=cold, repeats=repeats, retry=retry, json_file=json)
+        chosen = choose_scene(scene, variant, set_)
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
+        request = StudyRequest(
+            scene=chosen, name=name, output=output, ranks=ranks, cold=cold, repeats=repeats, retry=retry, json_file=json
+        )
         return study_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
@@ -83,9 +96,20 @@ def sweep(
         from headstock.studies.sweeps.slurm_jobs import SlurmOptions
 
         options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
-        cluster = (options if on else None, not no_wait, parse_part(part) if part else None, key)
-        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
-        request = SweepRequest(scene, name, output, variant, tuple(set_ or ()), ranks, retry, json, *cluster)
+        chosen = choose_scene(scene, variant, set_)
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
+        request = SweepRequest(
+            scene=chosen,
+            name=name,
+            output=output,
+            ranks=ranks,
+            retry=retry,
+            json_file=json,
+            cluster=options if on else None,
+            wait=not no_wait,
+            part=parse_part(part) if part else None,
+            key=key,
+        )
         return sweep_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
@@ -123,10 +147,19 @@ def compare(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.comparing import CompareRequest, compare_request
 
-        lists = (split_list(variants), split_list(fidelity), tuple(set_ or ()))
-        origin = trace_command(scene, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
+        chosen = choose_scene(scene, None, set_)
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
         request = CompareRequest(
-            scene, output, *lists, pose, reference, ranks, effort=effort, change=tuple(change or ()), json_file=json
+            scene=chosen,
+            output=output,
+            variants=split_list(variants),
+            fidelities=split_list(fidelity),
+            pose=pose,
+            reference=reference,
+            ranks=ranks,
+            effort=effort,
+            change=tuple(change or ()),
+            json_file=json,
         )
         return compare_request(request, comm, origin)
 
@@ -152,7 +185,9 @@ def identify(
     def action() -> int:
         from headstock.app.actions.identifying import IdentifyRequest, identify_scene
 
-        origin = trace_command(scene, overrides=set_ or (), with_host=not no_host)
-        return identify_scene(IdentifyRequest(scene, targets, output, starts, tuple(set_ or ()), json), origin)
+        chosen = choose_scene(scene, None, set_)
+        origin = trace_command(chosen, with_host=not no_host)
+        request = IdentifyRequest(scene=chosen, targets=targets, output=output, starts=starts, json_file=json)
+        return identify_scene(request, origin)
 
     return run_guarded(action, debug=debug)

@@ -8,7 +8,7 @@ import click
 import typer
 
 if TYPE_CHECKING:
-    from headstock.pipeline.storage.provenance import Provenance
+    from headstock.pipeline.storage.provenance import Provenance, SceneChoice
     from headstock.scene.scene import Scene
 
 
@@ -55,21 +55,34 @@ def write_json_file(path: Path | None, content: Any) -> None:
         write_output(path, dump_json(content).encode())
 
 
-def trace_command(
-    scene: Path,
-    *,
-    variant: str | None = None,
-    overrides: Sequence[str] = (),
-    analyses: Sequence[str] = (),
-    ranks: int = 1,
-    with_host: bool,
-) -> "Provenance | None":
-    """Where the results of the present command come from; None where there is no scene file, which is said elsewhere."""
-    from headstock.pipeline.storage.provenance import SceneChoice, trace_origin
+def choose_scene(
+    scene: Path, variant: str | None, overrides: Sequence[str] | None, analyses: Sequence[str] | None = None
+) -> "SceneChoice":
+    """What a command line says of a scene, as one thing.
+
+    Args:
+        scene: Scene file.
+        variant: To apply.
+        overrides: ``KEY=VALUE`` of each ``--set``.
+        analyses: Of each ``--analysis``; all where there is none.
+    """
+    from headstock.pipeline.storage.provenance import SceneChoice
+
+    return SceneChoice(scene, variant, tuple(overrides or ()), tuple(analyses or ()))
+
+
+def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> "Provenance | None":
+    """Where the results of the present command come from; None where there is no scene file, which is said elsewhere.
+
+    Args:
+        choice: Of the command line.
+        ranks: MPI ranks.
+        with_host: State host and command line.
+    """
+    from headstock.pipeline.storage.provenance import trace_origin
 
     context = click.get_current_context(silent=True)
     words = None if context is None else context.find_root().obj
-    choice = SceneChoice(scene, variant, tuple(overrides), tuple(analyses))
     try:
         return trace_origin(choice, ranks=ranks, command=words, with_host=with_host)
     except OSError:

@@ -15,6 +15,7 @@ from headstock.app.commands.options import (
     Ranks,
     SceneFile,
     Variant,
+    choose_scene,
     load_checked,
     trace_command,
     write_json_file,
@@ -91,14 +92,13 @@ def run(
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.running import RunRequest, run_request
 
-        overrides = tuple(set_ or ())
+        chosen = choose_scene(scene, variant, set_, analysis)
         request = RunRequest(
-            scene, output, variant, tuple(analysis or ()), overrides, ranks, json, not no_figures, accuracy, volume
+            scene=chosen, output=output, ranks=ranks, json_file=json, figures=not no_figures, accuracy=accuracy, volume=volume
         )
-        settings = (*overrides, *([f"accuracy={accuracy}"] if accuracy is not None else []))
-        origin = trace_command(
-            scene, variant=variant, overrides=settings, analyses=analysis or (), ranks=comm.size, with_host=not no_host
-        )
+        asked = [f"accuracy={accuracy}"] if accuracy is not None else []
+        traced = choose_scene(scene, variant, [*chosen.overrides, *asked], analysis)
+        origin = trace_command(traced, ranks=comm.size, with_host=not no_host)
         return run_request(request, comm, origin)
 
     return run_guarded(action, debug=debug)
@@ -117,11 +117,10 @@ def effects(
 
     def action() -> int:
         from headstock.app.actions.effecting import EffectsRequest, effects_request
-        from headstock.studies.effects import ScenePlan
 
-        plan = ScenePlan(scene, variant, tuple(set_ or ()), tuple(analysis or ()))
-        origin = trace_command(scene, variant=variant, overrides=plan.overrides, analyses=plan.analyses, with_host=not no_host)
-        return effects_request(EffectsRequest(plan, json, origin))
+        chosen = choose_scene(scene, variant, set_, analysis)
+        origin = trace_command(chosen, with_host=not no_host)
+        return effects_request(EffectsRequest(scene=chosen, json_file=json, origin=origin))
 
     return run_guarded(action, debug=debug)
 
@@ -150,8 +149,9 @@ def export(
         from headstock.app.actions.exporting import ExportRequest, export_component, export_machine
 
         default = Path(f"{component}.h5") if component is not None else Path(f"{scene.stem}.mat")
-        origin = trace_command(scene, variant=variant, overrides=set_ or (), ranks=comm.size, with_host=not no_host)
-        request = ExportRequest(scene, component or "", output or default, variant, tuple(set_ or ()), ranks, origin)
+        chosen = choose_scene(scene, variant, set_)
+        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
+        request = ExportRequest(scene=chosen, component=component or "", output=output or default, ranks=ranks, origin=origin)
         return export_component(request, comm) if state_space is None else export_machine(request, state_space, pose, comm)
 
     return run_guarded(action, debug=debug)

@@ -35,7 +35,11 @@ def show(
     def action() -> int:
         from headstock.app.actions.showing import ShowRequest, show_file
 
-        return show_file(ShowRequest(file, output, read_solid(solid), component, every_face, json))
+        return show_file(
+            ShowRequest(
+                path=file, picture=output, solid=read_solid(solid), component=component, every_face=every_face, json_file=json
+            )
+        )
 
     return run_guarded(action, debug=debug)
 
@@ -51,7 +55,7 @@ def new(
     def action() -> int:
         from headstock.app.actions.starting import StartRequest, start_scene
 
-        return start_scene(StartRequest(folder, part, read_solid(solid)))
+        return start_scene(StartRequest(folder=folder, part=part, solid=read_solid(solid)))
 
     return run_guarded(action, debug=debug)
 

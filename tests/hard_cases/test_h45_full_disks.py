@@ -12,6 +12,7 @@ from mpi4py import MPI
 from headstock.app.actions.studying import StudyRequest, study_request
 from headstock.app.actions.sweeping import SweepRequest, sweep_request
 from headstock.app.terminal.guard import run_guarded
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.validation.campaigns.disk import OLD, ResumeTrials, run_disk_campaign
 from headstock.validation.campaigns.resume import SCENE
 from headstock.validation.campaigns.runs import VARIANTS, CampaignError, finish_run, make_places, read_numbers
@@ -34,18 +35,10 @@ def start_here(root: Path, folder: Path, kind: str, variant: str | None, _: Mapp
     scene, said = root / "scene.toml", io.StringIO()
 
     def work(comm: MPI.Comm) -> int:
-        common = {
-            "scene": scene,
-            "output": folder,
-            "variant": variant,
-            "overrides": (),
-            "ranks": None,
-            "retry": False,
-            "json_file": None,
-        }
+        chosen = SceneChoice(scene, variant)
         if kind == "sweep":
-            return sweep_request(SweepRequest(name="line", **common), comm)
-        return study_request(StudyRequest(name="grid", cold=False, repeats=None, **common), comm)
+            return sweep_request(SweepRequest(scene=chosen, name="line", output=folder), comm)
+        return study_request(StudyRequest(scene=chosen, name="grid", output=folder), comm)
 
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         code = run_guarded(work, debug=False)

@@ -7,8 +7,9 @@ import pytest
 
 from headstock.app.actions.effecting import show_share, tell_trial
 from headstock.app.command_line import main
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.studies.effects import Change, EffectTrial, ScenePlan, compare_answers, list_answers, rank_trials, try_effects
+from headstock.studies.effects import Change, EffectTrial, compare_answers, list_answers, rank_trials, try_effects
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
 EMPTY = {"modal": [], "static": {}}
@@ -60,7 +61,7 @@ def test_time_within_the_noise_is_no_cost() -> None:
 
 
 def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> None:
-    plan = ScenePlan(SCENE, "lumped", ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'), ("static",))
+    plan = SceneChoice(SCENE, "lumped", ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'), ("static",))
     trials = {trial.effect: trial for trial in try_effects(plan, Store(tmp_path))}
     gravity = trials["gravity"]
     assert gravity.named and gravity.changes[0].answer == "displacement under loads" and gravity.changes[0].without == 0.0
