@@ -9,9 +9,10 @@ import click
 from mpi4py import MPI
 
 from headstock.app.actions.publishing import PARTS, publish_run
-from headstock.app.terminal.console import print_header, print_remarks, print_stage, print_summary
+from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
+from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE

@@ -18,8 +18,9 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_sweep
-from headstock.app.terminal.console import counted, make_console, print_remarks, print_stage, warn_of_unused_accuracy
+from headstock.app.terminal.console import counted, make_console, print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
+from headstock.app.terminal.summary import print_stage
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
 from headstock.app.texts.sweep_quantities import tabulate_sweep
 from headstock.app.texts.tables import encode_csv

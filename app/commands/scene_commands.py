@@ -42,8 +42,8 @@ def plan(scene: SceneFile, variant: Variant = None, set_: Overrides = None, json
 
     def action() -> int:
         from headstock.app.actions.checking import plan_rows
-        from headstock.app.terminal.console import print_plan
         from headstock.app.terminal.progress import show_progress
+        from headstock.app.terminal.summary import print_plan
         from headstock.pipeline.planning.planner import plan_scene
 
         loaded = load_checked(scene, variant, set_)

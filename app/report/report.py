@@ -18,7 +18,6 @@ from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.terminal.console import shared_budget
 from headstock.app.texts.error_texts import (
     error_words,
     largest_shares,
@@ -31,13 +30,16 @@ from headstock.app.texts.error_texts import (
     show_size,
 )
 from headstock.app.texts.tables import (
+    ModeRow,
     encode_csv,
+    list_modes,
     list_tables,
     overlaid_responses,
     path_stem,
-    sort_shares,
+    shared_budget,
     static_by_pose,
     tabulate_response,
+    top_shares,
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
@@ -165,6 +167,20 @@ def _moved(point: Json, row: int, column: int) -> Markup:
     return Markup('<span class="missing">{}</span>').format(text) if value is None else _data(value, _typeset(text))
 
 
+def _damping(mode: ModeRow) -> tuple[Markup, Markup]:
+    """Damping ratio of a mode, and what stands behind it."""
+    shown, bound = show_damping_error(mode.damping_ratio, mode.damping_error, rigid=mode.rigid)
+    value = Markup("–") if mode.damping_ratio is None else _data(mode.damping_ratio, _typeset(shown))
+    return value, _beside(mode.damping_error, bound)
+
+
+def _damped(mode: ModeRow) -> tuple[Markup, Markup]:
+    """Frequency of the damped oscillation of a mode, and what stands behind it."""
+    shown, bound = show_damped(mode.damped_hz, mode.damped_error_hz, rigid=mode.rigid)
+    value = Markup("–") if mode.damped_hz is None else _data(mode.damped_hz, _typeset(shown) if mode.damped_hz else shown)
+    return value, _beside(mode.damped_error_hz, bound)
+
+
 def _typeset(text: str) -> str:
     """A plain number as readers know it: thousands apart, a true minus, a power of ten."""
     mantissa, exponent, power = text.partition("e")
@@ -179,10 +195,6 @@ def _data(value: float, text: str) -> Markup:
 
 def _raised(number: int) -> str:
     return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def _top_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
-    return [item for item in sort_shares(shares)[:SHARES_NAMED] if item[1] >= SMALLEST_NAMED]
 
 
 def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
@@ -250,12 +262,9 @@ def report_environment() -> jinja2.Environment:
         "number": show_number,
         "bound": _bound,
         "bounded": _bounded,
-        "damping": lambda modes, index: _data(modes["damping_ratio"][index], _typeset(show_damping_error(modes, index)[0])),
-        "damped": lambda modes, index: _data(
-            modes["damped_hz"][index], _typeset(show_damped(modes, index)[0]) if modes["damped_hz"][index] else "overdamped"
-        ),
-        "damping_bound": lambda modes, index: _beside(modes["damping_error"][index], show_damping_error(modes, index)[1]),
-        "damped_bound": lambda modes, index: _beside(modes["damped_error_hz"][index], show_damped(modes, index)[1]),
+        "mode_rows": list_modes,
+        "damping": _damping,
+        "damped": _damped,
         "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
         "error_words": error_words,
         "largest_shares": largest_shares,
@@ -263,7 +272,7 @@ def report_environment() -> jinja2.Environment:
         "moved": _moved,
         "shared_budget": shared_budget,
         "share": lambda share: _data(share, percent(share)),
-        "top": _top_shares,
+        "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
         "stem": file_stem,
         "position": lambda position, unit: _data(position, show_position(position, unit).replace("-", "−")),
         "plain": lambda value: _data(value, f"{value:g}".replace("-", "−")),

@@ -1,43 +1,253 @@
-"""Closed-loop poles and figures of drives as rows of text, for the terminal."""
+"""What the terminal shows of a run: its plan, stages as they end, and everything that it found in tables."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
-from headstock.app.texts.error_texts import show_damping
+from rich.console import Console
+from rich.table import Table
+
+from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table, spaced
+from headstock.app.texts.error_texts import (
+    accuracy_words,
+    error_words,
+    largest_shares,
+    response_error_words,
+    show_bound,
+    show_bounded,
+    show_compliances,
+    show_damped,
+    show_damping,
+    show_damping_error,
+    show_digits,
+    show_size,
+    show_span,
+)
+from headstock.app.texts.tables import list_modes, shared_budget, sort_shares, static_by_pose, top_shares
+from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.scene import Scene
 
-Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+CONTRIBUTORS_SHOWN = 5
+SHARES_SHOWN = 3
+BAR_LENGTH = 30
+SMALLEST_SHARE = 0.005
 
 
-def list_control(pose: str, control: Json) -> Iterator[Table]:
-    """Title, headings and rows of each table of a pose; a heading that begins with ``>`` is for numbers."""
-    yield (
-        f"Closed-loop poles in pose {pose} up to {control['up_to_hz']:g} Hz",
-        POLE_HEADINGS,
-        [_pole_row(number, pole) for number, pole in enumerate(control["poles"], start=1)],
+def print_header(scene: Scene, *, ranks: int) -> None:
+    """Name what is run."""
+    variant = f", variant {scene.variant}" if scene.variant else ""
+    made_of = f"{counted(len(scene.machine.components), 'component')}, {counted(len(scene.machine.joints), 'joint')}{variant}"
+    make_console().print(f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold", markup=False)
+
+
+def print_stage(record: StageRecord) -> None:
+    """One line per stage: what, of which component or in which pose, seconds, and what came out."""
+    stage = record.stage
+    subject = stage.component or stage.pose or ""
+    detail = f"cached  {record.detail}" if record.cached else record.detail
+    if stage.kind == "refine":
+        make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
+        return
+    line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
+    make_console().print(line, markup=False, soft_wrap=True)
+
+
+def print_plan(name: str, plan: Plan) -> None:
+    """The stages of a plan with their reasons and estimates."""
+    console = make_console()
+    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", "reason")
+    for stage in plan.stages:
+        dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
+        memory = "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
+        add_row(table, stage.kind, stage.component or "", stage.pose or "", dofs, memory, stage.reason)
+    print_table(console, f"{name}: what the scene calls for", table)
+    print_remarks(plan.warnings)
+
+
+def print_summary(summary: Json, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
+    """Everything a run found, but warnings that were said before."""
+    console = make_console()
+    console.print()
+    print_table(console, "Components", _component_table(summary["components"]))
+    several = "static_poses" in summary
+    for pose, points in static_by_pose(summary).items():
+        for name, point in points.items():
+            _print_point(console, f"{name} in pose {pose}" if several else name, point)
+    for pose, probes in summary.get("probes", {}).items():
+        print_table(console, f"Under the static loads in pose {pose}", _probe_table(probes))
+    for modes in summary["modal"]:
+        print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
+        _print_error_shares(console, modes)
+    for pose, response in summary.get("frf", {}).items():
+        print_table(console, f"Frequency response in pose {pose}", _response_table(response["ports"]))
+        for words in response_error_words(response):
+            console.print(f"  {words}", markup=False)
+    if "path" in summary:
+        print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
+    for pose, control in summary.get("control", {}).items():
+        up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
+        print_table(console, f"Closed-loop poles in pose {pose} up to {up_to:g} Hz", _pole_table(control["poles"]))
+        print_table(console, f"Drives in pose {pose}, lag at {speed:g} mm/min", _drive_table(control["drives"]))
+    for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
+        console.print(words, markup=False)
+    print_remarks([warning for warning in summary["warnings"] if warning not in said])
+    for failure in summary["failures"]:
+        console.print(f"failed: {failure}", style="bold red", markup=False)
+    console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)
+
+
+def _component_table(components: Json) -> Table:
+    table = make_table("component", "fidelity", ">dofs", ">reduced", ">kg", ">modes to Hz")
+    for name, facts in components.items():
+        cutoff = "-" if not facts["cutoff_hz"] else f"{facts['cutoff_hz']:.0f}"
+        counts = (spaced(facts["full_dofs"]), str(facts["reduced_dofs"]))
+        add_row(table, name, facts["fidelity"], *counts, f"{facts['mass_kg']:.4g}", cutoff)
+    return table
+
+
+def _print_point(console: Console, place: str, point: Json) -> None:
+    errors = point.get("error_um_per_kN", {})
+    known = any(error is not None for error in errors.values())
+    table = make_table("force", *(f">moves {direction}" for direction in "xyz"), *([">± along the force"] if known else []))
+    matrix = point["compliance_um_per_kN"]
+    # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads from cause to effect
+    for column, direction in enumerate("xyz"):
+        moved = show_compliances(matrix, column, errors)
+        add_row(table, direction, *moved, *([show_bound(matrix[column][column], errors.get(direction))] if known else []))
+    print_table(console, f"Static compliance at {place} [µm/kN]", table)
+    for direction, shares in shared_budget(point).items():
+        _print_budget(console, direction, shares)
+    if point["sentence"]:
+        console.print(f"\n{point['sentence']}", markup=False)
+    console.print()
+
+
+def _print_budget(console: Console, direction: str, shares: dict[str, float]) -> None:
+    ordered = sort_shares(shares)
+    shown = [item for item in ordered[:CONTRIBUTORS_SHOWN] if item[1] >= SMALLEST_SHARE]
+    for index, (name, share) in enumerate(shown):
+        head = f"budget {direction}" if index == 0 else ""
+        bar = "█" * max(1, round(BAR_LENGTH * share))
+        console.print(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True)
+    rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
+    if rest >= SMALLEST_SHARE:
+        console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True)
+
+
+def _probe_table(probes: Json) -> Table:
+    table = make_table("probe", "in", ">x µm", ">y µm", ">z µm", ">von Mises MPa", ">stress jump")
+    for name, probe in probes.items():
+        moved = (f"{value:.3f}" for value in probe["displacement_um"])
+        add_row(table, name, probe["component"], *moved, f"{probe['von_mises_mpa']:.3f}", f"{100 * probe['stress_jump']:.1f} %")
+    return table
+
+
+def describe_position(modes: Json) -> str:
+    """Where the axes stand in the pose of some modes: ``Y = 30 mm``."""
+    units = modes["pose_units"]
+    return ", ".join(
+        f"{axis} = {show_position(position, units[axis])}" for axis, position in modes["pose"].items() if axis in units
     )
-    speed = 60e3 * control["speed_m_per_s"]
-    title = f"Drives in pose {pose}, lag at {speed:g} mm/min"
-    yield title, DRIVE_HEADINGS, [_drive_row(name, drive) for name, drive in control["drives"].items()]
 
 
-POLE_HEADINGS = (">no.", ">Hz", ">damping", ">decays in ms", "drive", "motion")
-DRIVE_HEADINGS = (
-    "drive", "encoder", ">kv 1/s", ">kp N s/m", ">motor kg", ">lag µm", ">bandwidth Hz", ">gain margin", ">phase margin °", ">max |S|"
-)  # fmt: skip
+def _describe_pose(modes: Json) -> str:
+    positions = describe_position(modes)
+    return str(modes["pose_name"]) + (f" ({positions})" if positions else "")
 
 
-def _pole_row(number: int, pole: Json) -> tuple[str, ...]:
-    decay = "grows" if pole["real"] > 0.0 else "never" if pole["real"] == 0.0 else f"{-1e3 / pole['real']:.4g}"
-    hz = "0" if pole["frequency_hz"] == 0.0 else f"{pole['frequency_hz']:.3f}"
-    return str(number), hz, show_damping(pole["damping_ratio"]), decay, pole["drive"], pole["name"]
+def _mode_table(modes: Json) -> Table:
+    rows = list_modes(modes)
+    damped = any(row.damping_ratio is not None for row in rows)
+    known = any(row.error_hz is not None for row in rows if not row.rigid)
+    spans = bool(modes.get("interface_spread_hz"))
+    shared = any(len(row.energy_share) > 1 for row in rows)
+    table = make_table(
+        ">no.",
+        ">undamped Hz" if damped else ">Hz",
+        *(["<± Hz"] if known else []),
+        *([">damped Hz", "<± Hz", ">damping", "<±"] if damped else []),
+        *(["<interfaces Hz"] if spans else []),
+        "mode",
+        *(["strain energy in"] if shared else []),
+    )
+    for row in rows:
+        cells = [str(row.number), "0" if row.rigid else show_bounded(row.hz, row.error_hz)]
+        if known:
+            cells.append("" if row.rigid else show_bound(row.hz, row.error_hz))
+        if damped:
+            cells += show_damped(row.damped_hz, row.damped_error_hz, rigid=row.rigid)
+            cells += show_damping_error(row.damping_ratio, row.damping_error, rigid=row.rigid)
+        if spans:
+            cells.append(show_span(row.spread_hz))
+        cells.append(row.name)
+        if shared:
+            top = top_shares(row.energy_share, SHARES_SHOWN, SMALLEST_SHARE)
+            cells.append(", ".join(f"{name} {100 * share:.0f} %" for name, share in top))
+        add_row(table, *cells)
+    return table
 
 
-def _drive_row(name: str, drive: Json) -> tuple[str, ...]:
-    margins = drive["margins"] or {}
-    shown = [name, drive["encoder"], f"{drive['kv_per_s']:.4g}", f"{drive['velocity_gain_n_s_per_m']:.4g}"]
-    shown += [f"{drive['motor_mass_kg']:.4g}", _number(drive["velocity_lag_um"])]
-    return *shown, *(_number(margins.get(key)) for key in ("bandwidth_hz", "gain", "phase_deg", "sensitivity"))
+def _print_error_shares(console: Console, modes: Json) -> None:
+    """Where the errors of a pose's frequencies come from."""
+    found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
+    for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
+        console.print(f"  {words}", markup=False)
+    console.print()
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+def _response_table(ports: Sequence[Json]) -> Table:
+    table = make_table(
+        "force at", ">static µm/kN", ">worst Re µm/kN", ">at Hz", ">-1/(2 Re) N/µm", ">softest N/µm", ">at Hz", "near mode"
+    )
+    keys = ("worst_real_um_per_kN", "worst_real_hz", "chatter_stiffness_N_per_um", "softest_N_per_um", "softest_hz")
+    for port in ports:
+        if "static_um_per_kN" in port:
+            numbers = ["free" if port["static_um_per_kN"] is None else show_digits(port["static_um_per_kN"], 4)]
+            numbers += ["-" if port[key] is None else show_digits(port[key], 4) for key in keys]
+            error = port.get("worst_real_error_um_per_kN")
+            if error is not None and port[keys[0]] is not None:
+                numbers[1] = f"{show_bounded(port[keys[0]], error)} {show_bound(port[keys[0]], error)}"
+            add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
+    return table
+
+
+def _path_title(path: Json) -> str:
+    moved = ", ".join(axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0))
+    low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
+    return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"
+
+
+def _path_table(path: Json) -> Table:
+    table = make_table("feed", "<at", "<zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
+    for run in path["feeds"]:
+        for output in run["outputs"]:
+            unit = "urad" if output["port"][1].startswith("r") else "um"
+            for zone in ("accelerating", "decelerating"):
+                found = output[zone]
+                sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "frozen_peak")}
+                settling = "-" if found["settling_s"] is None else f"{found['settling_s']:.3f}"
+                cells = (sizes["peak"], f"{found['peak_s']:.4f}", sizes["span"], sizes["quasi_static"], sizes["dynamic"])
+                add_row(table, run["name"], " ".join(output["port"]), f"{zone[:5]}.", *cells, settling, sizes["frozen_peak"])
+    return table
+
+
+def _pole_table(poles: Sequence[Json]) -> Table:
+    table = make_table(">no.", ">Hz", ">damping", ">decays in ms", "drive", "motion")
+    for number, pole in enumerate(poles, start=1):
+        decay = "grows" if pole["real"] > 0.0 else "never" if pole["real"] == 0.0 else f"{-1e3 / pole['real']:.4g}"
+        hz = "0" if pole["frequency_hz"] == 0.0 else f"{pole['frequency_hz']:.3f}"
+        add_row(table, str(number), hz, show_damping(pole["damping_ratio"]), decay, pole["drive"], pole["name"])
+    return table
+
+
+def _drive_table(drives: Json) -> Table:
+    table = make_table(
+        "drive", "encoder", ">kv 1/s", ">kp N s/m", ">motor kg", ">lag µm", ">bandwidth Hz", ">gain margin", ">phase margin °",
+        ">max |S|",
+    )  # fmt: skip
+    for name, drive in drives.items():
+        margins = drive["margins"] or {}
+        numbers = [drive[key] for key in ("kv_per_s", "velocity_gain_n_s_per_m", "motor_mass_kg", "velocity_lag_um")]
+        numbers += [margins.get(key) for key in ("bandwidth_hz", "gain", "phase_deg", "sensitivity")]
+        add_row(table, name, drive["encoder"], *("-" if number is None else f"{number:.4g}" for number in numbers))
+    return table

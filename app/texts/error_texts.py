@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
-from rich.console import Console
-
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.storage.json_texts import Json
 
@@ -74,13 +72,17 @@ def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, erro
     return shown
 
 
-def show_damped(modes: Json, index: int) -> tuple[str, str]:
-    """Frequency of the damped oscillation of a mode [Hz], and what stands behind it."""
-    damped = modes["damped_hz"][index]
-    if not damped:
-        return "-" if damped is None else "overdamped", ""
-    error = modes["damped_error_hz"][index]
-    return show_bounded(damped, error), "" if index < modes["rigid_count"] else show_bound(damped, error)
+def show_damped(hz: float | None, error: float | None, *, rigid: bool) -> tuple[str, str]:
+    """Frequency of the damped oscillation of a mode [Hz], and what stands behind it.
+
+    Args:
+        hz: Of the oscillation; zero where the mode is overdamped, None where nothing damps.
+        error: How far it may be off; None where that is not known.
+        rigid: A rigid-body mode, whose error is not told.
+    """
+    if not hz:
+        return "-" if hz is None else "overdamped", ""
+    return show_bounded(hz, error), "" if rigid else show_bound(hz, error)
 
 
 def show_damping(ratio: float | None) -> str:
@@ -90,15 +92,20 @@ def show_damping(ratio: float | None) -> str:
     return f"{show_digits(100.0 * ratio, 3)} %"
 
 
-def show_damping_error(modes: Json, index: int) -> tuple[str, str]:
-    """Damping ratio of a mode in per cent, and what stands behind it."""
-    ratio, error = modes["damping_ratio"][index], modes["damping_error"][index]
+def show_damping_error(ratio: float | None, error: float | None, *, rigid: bool) -> tuple[str, str]:
+    """Damping ratio of a mode in per cent, and what stands behind it.
+
+    Args:
+        ratio: Damping ratio; None where nothing damps.
+        error: How far it may be off; zero where the scene gives the ratio.
+        rigid: A rigid-body mode, whose error is not told.
+    """
     if ratio is None:
         return "-", ""
     if error == 0.0:  # as the scene gives it
         return show_damping(ratio), "± 0"
     percents = 100.0 * ratio, None if error is None else 100.0 * error
-    known = "" if index < modes["rigid_count"] else show_bound(*percents)
+    known = "" if rigid else show_bound(*percents)
     shown = show_bounded(*percents) if known and error is not None else show_digits(percents[0], 3)
     return f"{shown} %", f"{known} %" if known and known != NO_BOUND else known
 
@@ -171,14 +178,6 @@ def error_words(modes: Json) -> list[str]:
     return words
 
 
-def print_error_shares(console: Console, modes: Json) -> None:
-    """Print where the errors of a pose's frequencies come from."""
-    found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
-    for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
-        console.print(f"  {words}", markup=False)
-    console.print()
-
-
 def response_error_words(response: Json) -> list[str]:
     """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
     found = response.get("error")
@@ -198,12 +197,6 @@ def response_error_words(response: Json) -> list[str]:
     if response.get("error_left_out"):
         words.append(f"not in ±: {'; '.join(response['error_left_out'])}")
     return words
-
-
-def print_response_error(console: Console, response: Json) -> None:
-    """Print how far a frequency response may be off."""
-    for words in response_error_words(response):
-        console.print(f"  {words}", markup=False)
 
 
 def accuracy_words(accuracy: Json) -> list[str]:

@@ -1,8 +1,4 @@
-"""The tables of a summary as plain rows, for the report and for CSV files.
-
-Frequency responses as plain rows, and the units in which they are shown. Deviations from a path as plain rows, and the few
-points of a curve that a plot can show.
-"""
+"""Rows of what a run found, for terminal, report and CSV files; how responses and curves are drawn: units, ranges, ticks, points."""
 
 import csv
 import io
@@ -47,6 +43,66 @@ def static_by_pose(summary: Json) -> dict[str, Json]:
         return {}
     pose = next((row["pose"] for row in summary["stages"] if row["stage"] == "static" and row.get("pose")), "reference")
     return {pose: summary["static"]}
+
+
+def shared_budget(point: Json) -> dict[str, dict[str, float]]:
+    """The budget of a point; empty where one part alone gives way, which says nothing."""
+    budget: dict[str, dict[str, float]] = point["budget"]
+    return budget if any(len(shares) > 1 for shares in budget.values()) else {}
+
+
+def sort_shares(shares: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
+    return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
+
+
+def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tuple[str, float]]:
+    """The largest shares, at most so many.
+
+    Args:
+        shares: Name to share.
+        count: How many there may be.
+        least: Share below which one is not named.
+    """
+    return [item for item in sort_shares(shares)[:count] if item[1] >= least]
+
+
+@dataclass(frozen=True)
+class ModeRow:
+    """A natural mode as a row: unrounded, None where it is not known; a damped frequency of zero is an overdamped mode."""
+
+    number: int
+    rigid: bool
+    hz: float
+    error_hz: float | None
+    damped_hz: float | None
+    damped_error_hz: float | None
+    damping_ratio: float | None
+    damping_error: float | None
+    name: str
+    energy_share: dict[str, float]
+    spread_hz: tuple[float, float] | None
+
+
+def list_modes(modes: Json) -> list[ModeRow]:
+    """The modes of a pose, from the lowest."""
+    spreads = modes.get("interface_spread_hz") or [None] * len(modes["frequencies_hz"])
+    return [
+        ModeRow(
+            number=place + 1,
+            rigid=place < modes["rigid_count"],
+            hz=hz,
+            error_hz=modes["error_hz"][place],
+            damped_hz=modes["damped_hz"][place],
+            damped_error_hz=modes["damped_error_hz"][place],
+            damping_ratio=modes["damping_ratio"][place],
+            damping_error=modes["damping_error"][place],
+            name=modes["mode_names"][place],
+            energy_share=modes["energy_share"][place],
+            spread_hz=spreads[place],
+        )
+        for place, hz in enumerate(modes["frequencies_hz"])
+    ]
 
 
 def list_tables(summary: Json) -> list[PlainTable]:
@@ -165,45 +221,22 @@ def _budget_table(name: str, budget: Json) -> PlainTable:
 
 
 def _mode_table(modes: Json) -> PlainTable:
-    parts = sorted({part for shares in modes["energy_share"] for part in shares})
-    headings = [
-        "mode",
-        "frequency [Hz]",
-        "± [Hz]",
-        "damped frequency [Hz]",
-        "± damped [Hz]",
-        "damping ratio",
-        "± damping ratio",
-        "name",
-    ]
-    keys = (
-        "frequencies_hz",
-        "error_hz",
-        "damped_hz",
-        "damped_error_hz",
-        "damping_ratio",
-        "damping_error",
-        "mode_names",
-        "energy_share",
+    found = list_modes(modes)
+    parts = sorted({part for row in found for part in row.energy_share})
+    headings = (
+        *("mode", "frequency [Hz]", "± [Hz]", "damped frequency [Hz]", "± damped [Hz]", "damping ratio", "± damping ratio", "name"),
+        *(f"strain energy in {part}" for part in parts),
     )
     rows = tuple(
         (
-            number,
-            hz,
-            bound_size(hz, error),
-            damped,
-            bound_size(damped, damped_error),
-            damping,
-            bound_size(damping, damping_error),
-            name,
-            *(shares.get(part) for part in parts),
+            *(row.number, row.hz, bound_size(row.hz, row.error_hz)),
+            *(row.damped_hz, bound_size(row.damped_hz, row.damped_error_hz)),
+            *(row.damping_ratio, bound_size(row.damping_ratio, row.damping_error), row.name),
+            *(row.energy_share.get(part) for part in parts),
         )
-        for number, (hz, error, damped, damped_error, damping, damping_error, name, shares) in enumerate(
-            zip(*(modes[key] for key in keys), strict=True), start=1
-        )
+        for row in found
     )
-    headings += [f"strain energy in {part}" for part in parts]
-    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", tuple(headings), rows)
+    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
 
 
 def _probe_table(pose: str, probes: Json) -> PlainTable:
@@ -222,11 +255,6 @@ def _probe_table(pose: str, probes: Json) -> PlainTable:
         for name, probe in probes.items()
     )
     return PlainTable(f"probes_{file_stem(pose)}", headings, rows)
-
-
-def sort_shares(shares: dict[str, float]) -> list[tuple[str, float]]:
-    """Shares, largest first; what symmetry makes equal goes by name, whatever the roundoff."""
-    return sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
 
 
 def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:

@@ -6,9 +6,10 @@ import re
 import pytest
 from rich.console import Console
 
-from headstock.app.terminal.console import add_row, describe_position, make_table, print_summary, print_table, shared_budget
+from headstock.app.terminal.console import add_row, make_table, print_table
+from headstock.app.terminal.summary import describe_position, print_summary
 from headstock.app.texts.error_texts import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
-from headstock.app.texts.tables import list_tables
+from headstock.app.texts.tables import list_tables, shared_budget
 from headstock.geometry.machine.machine import show_position
 
 
@@ -136,7 +137,7 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(capsys
     assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
     assert describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
-    assert show_damped(summary["modal"][0], 1) == ("overdamped", "")
+    assert show_damped(0.0, None, rigid=False) == ("overdamped", "")
 
 
 def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symmetric() -> None:
