@@ -17,9 +17,10 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.charts.comparison import draw_comparison
 from headstock.app.pictures.png_images import encode_png
 from headstock.app.report.pages import render_comparison
-from headstock.app.terminal.comparison import comparison_csv, print_comparison, print_effort, print_variant
+from headstock.app.terminal.comparison import print_comparison, print_effort, print_variant
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
+from headstock.app.texts.comparison import comparison_csv
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, read_pixels
-from headstock.app.terminal.comparison import alike_rigid_modes
+from headstock.app.texts.comparison import alike_rigid_modes, list_points
 from headstock.app.texts.error_texts import show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.views import COLORS
@@ -28,7 +28,7 @@ def draw_comparison(summary: Json) -> dict[str, NDArray[np.uint8]]:
     figures = {}
     if summary["modes"]:
         figures["frequencies"] = _draw_levels(summary)
-    points = list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
+    points = list_points(summary)
     if points:
         figures["compliances"] = _draw_compliances(summary, points)
     return figures

@@ -11,9 +11,8 @@ from markupsafe import Markup
 
 from headstock.app.report.report import STYLE, read_asset, report_environment
 from headstock.app.report.viewer_data import script_json
-from headstock.app.terminal.comparison import alike_rigid_modes, comparison_csv, describe_store, states_errors, variant_error_words
-from headstock.app.terminal.sweep import sampled_error_words
-from headstock.app.texts.sweep_quantities import list_quantities
+from headstock.app.texts.comparison import alike_rigid_modes, comparison_csv, describe_store, states_errors, variant_error_words
+from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.json_texts import Json
 

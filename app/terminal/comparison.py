@@ -1,32 +1,25 @@
-"""Variants side by side as the terminal shows them, and as CSV."""
-
-from collections.abc import Iterable, Mapping
-from typing import Any
+"""Variants side by side as the terminal shows them."""
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from headstock.app.terminal.console import make_console, make_table, print_table, spaced
-from headstock.app.texts.error_texts import (
-    bound_size,
-    error_words,
-    largest_shares,
-    show_bound,
-    show_bounded,
-    show_digits,
-    show_size,
+from headstock.app.texts.comparison import (
+    STEP_NAMES,
+    alike_rigid_modes,
+    describe_store,
+    list_points,
+    read_compliance,
+    states_errors,
+    variant_error_words,
 )
-from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.app.texts.error_texts import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.storage.json_texts import Json
-from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
 MISSING = "–"
-ALIKE = 0.9
 NAME_WIDTH = 40  # of the first column where there is no terminal
-STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
 
 
 def print_variant(name: str, runs: Json) -> None:
@@ -37,16 +30,6 @@ def print_variant(name: str, runs: Json) -> None:
         stored = f", {describe_store(effort)}" if effort["elastic_components"] else ""
         parts.append(f"  {name if run == 'first' else run:<16} {effort['seconds']['total']:6.2f} s  {steps}{stored}")
     make_console().print("\n".join(parts), markup=False, soft_wrap=True)
-
-
-def describe_store(effort: Json) -> str:
-    """Where the elastic components came from."""
-    if not effort["elastic_components"]:
-        return "nothing meshed"
-    if not effort["from_store"]:
-        return "cold"
-    every = effort["from_store"] == effort["elastic_components"]
-    return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
 
 
 def print_comparison(summary: Json) -> None:
@@ -69,7 +52,7 @@ def print_comparison(summary: Json) -> None:
         table.add_section()
         _add_cells(table, "largest deviation", [_largest_deviation(summary, name) for name in variants])
         _add_cells(table, "modes it misses, adds", [_missed_and_added(summary, name) for name in variants])
-    for point in _points(summary):
+    for point in list_points(summary):
         _add_point(table, summary, point)
     table.add_section()
     _add_cells(table, "dofs of the components", [spaced(variant["full_dofs"]) for variant in variants.values()])
@@ -78,28 +61,6 @@ def print_comparison(summary: Json) -> None:
     _add_cells(table, "seconds from scene to modes", [f"{e['seconds']['total']:.2f}\n{describe_store(e)}" for e in efforts])
     print_table(console, f"{summary['scene']}: variants in pose {summary['pose']}, held against {summary['reference']}", table)
     _print_notes(console, summary)
-
-
-def states_errors(shares: Iterable[Mapping[str, float | None]]) -> bool:
-    """Whether a mesh error is in any of a variant's errors: without, as of rigid and segmented parts, ± would hide what they leave out."""
-    return any(DISCRETISATION in share for share in shares)
-
-
-def variant_error_words(summary: Json) -> list[str]:
-    """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
-    owners: dict[str, list[str]] = {}
-    for name, variant in summary["variants"].items():
-        found = largest_shares(variant) if states_errors(variant["error_share"]) else {}
-        sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
-        words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
-        owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
-    return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
-
-
-def alike_rigid_modes(summary: Json) -> list[Json]:
-    """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
-    rows = [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and None not in row["variants"].values()]
-    return [row for row in rows if all(cell["mac"] is None or cell["mac"] >= ALIKE for cell in row["variants"].values())]
 
 
 def _print_notes(console: Console, summary: Json) -> None:
@@ -134,67 +95,6 @@ def print_effort(summary: Json) -> None:
     print_table(console, f"Effort from scene to modes, from an empty store{changed}", table)
 
 
-def comparison_csv(summary: Json) -> dict[str, bytes]:
-    """File stem to CSV: modes, compliances and variants, unrounded."""
-    names = list(summary["variants"])
-    labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
-    modes = PlainTable(
-        "modes",
-        ("mode", "origin", *(label.format(name) for name in names for label in labels)),
-        tuple(
-            (row["name"], row["origin"], *(item for name in names for item in _list_cell(row["variants"][name])))
-            for row in summary["modes"]
-        ),
-    )
-    compliances = PlainTable(
-        "compliances",
-        ("point", "motion in", "force in", *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))),
-        tuple(
-            (point, a, b, *(item for name in names for item in _list_entry(summary, name, point, i, j)))
-            for point in _points(summary)
-            for j, b in enumerate(DIRECTIONS)
-            for i, a in enumerate(DIRECTIONS)
-        ),
-    )
-    keys = ("full_dofs", "reduced_dofs", "coupled_dofs")
-    costs = PlainTable(
-        "variants",
-        (
-            "variant",
-            "dofs",
-            "reduced dofs",
-            "coupled dofs",
-            *(f"{step} [s]" for step in (*STEP_NAMES, "total")),
-            "CPU [s]",
-            "from store",
-        ),
-        tuple(
-            (
-                name,
-                *(variant[key] for key in keys),
-                *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
-                variant["effort"]["cpu_seconds"]["total"],
-                describe_store(variant["effort"]),
-            )
-            for name, variant in summary["variants"].items()
-        ),
-    )
-    return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
-
-
-def _list_cell(cell: Json | None) -> tuple[float | None, ...]:
-    if cell is None:
-        return (None,) * 5
-    return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
-
-
-def _list_entry(summary: Json, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
-    value = _entry(summary, name, point, row, column)
-    if value is None or row != column:
-        return value, None
-    return value, bound_size(value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]])
-
-
 def _add_heads(table: Table, title: str, cells: list[str]) -> None:
     table.add_row(Text(title, style="bold"), *(Text(cell, style="dim") for cell in cells))
 
@@ -210,7 +110,7 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
     for j, direction in enumerate(DIRECTIONS):
         cells = []
         for name, variant in variants.items():
-            value, first = _entry(summary, name, point, j, j), _entry(summary, summary["reference"], point, j, j)
+            value, first = read_compliance(summary, name, point, j, j), read_compliance(summary, summary["reference"], point, j, j)
             if value is None:
                 cells.append(MISSING)
                 continue
@@ -262,15 +162,6 @@ def _missed_and_added(summary: Json, name: str) -> str:
         return MISSING
     cells = [(row["origin"] == summary["reference"], row["variants"][name] is not None) for row in summary["modes"]]
     return f"{sum(mine and not there for mine, there in cells)}, {sum(there and not mine for mine, there in cells)}"
-
-
-def _points(summary: Json) -> list[str]:
-    return list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
-
-
-def _entry(summary: Json, name: str, point: str, row: int, column: int) -> Any:
-    found = summary["variants"][name]["static"].get(point)
-    return None if found is None else found["compliance_um_per_kN"][row][column]
 
 
 def _describe_fidelity(variant: Json) -> str:

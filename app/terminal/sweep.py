@@ -7,8 +7,8 @@ from rich.table import Table
 
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table
 from headstock.app.texts.error_texts import show_bound
+from headstock.app.texts.sweep_quantities import sampled_error_words
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.results import SweepResults
@@ -55,27 +55,6 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
         style="bold",
         markup=False,
     )
-
-
-def sampled_error_words(summary: Json) -> list[str]:
-    """In which poses errors were estimated, and what is not in them; empty where there are none."""
-    words = []
-    for sample in summary["sampled_errors"]:
-        place = ", ".join(
-            f"{axis} {show_position(value, unit)}"
-            for axis, value, unit in zip(summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True)
-        )
-        modes = sample["error_hz"]
-        plural = "s" if len(modes) > 1 else ""
-        what = [f"mode{plural} {', '.join(modes)}"] * any(size is not None for size in modes.values())
-        points = sample["error_um_per_kN"]
-        what += ["compliances"] * any(size is not None for errors in points.values() for size in errors.values())
-        left = f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
-        if what:
-            words.append(f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}")
-        elif left:
-            words.append(f"no ± in pose {place}{left}")
-    return words
 
 
 def _describe_poses(total: int, computed: int) -> str:

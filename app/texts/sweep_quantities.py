@@ -6,6 +6,7 @@ import numpy as np
 
 from headstock.app.texts.tables import PlainTable
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.storage.json_texts import Json
 
 FIGURE_TITLES = {
@@ -73,3 +74,24 @@ def tabulate_sweep(summary: Json) -> PlainTable:
 def _columns(summary: Json) -> list[FloatArray]:
     table = np.array(summary["frequencies_hz"], dtype=float)
     return list(table.T) if table.ndim == 2 else []
+
+
+def sampled_error_words(summary: Json) -> list[str]:
+    """In which poses errors were estimated, and what is not in them; empty where there are none."""
+    words = []
+    for sample in summary["sampled_errors"]:
+        place = ", ".join(
+            f"{axis} {show_position(value, unit)}"
+            for axis, value, unit in zip(summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True)
+        )
+        modes = sample["error_hz"]
+        plural = "s" if len(modes) > 1 else ""
+        what = [f"mode{plural} {', '.join(modes)}"] * any(size is not None for size in modes.values())
+        points = sample["error_um_per_kN"]
+        what += ["compliances"] * any(size is not None for errors in points.values() for size in errors.values())
+        left = f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
+        if what:
+            words.append(f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}")
+        elif left:
+            words.append(f"no ± in pose {place}{left}")
+    return words
