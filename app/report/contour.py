@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
+from headstock.app.report import svg
 from headstock.pipeline.storage.json_texts import Json
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
@@ -30,20 +31,18 @@ def draw_contour(found: Json, picture: str) -> Markup:
     parts = [_faces(found["marks_s"], across, times[-1])]
     for value in (low + room, 0.0, high - room):
         if low <= value <= high:
-            parts.append(_line(LEFT, up(value), WIDTH - RIGHT, up(value), 0.25))
-            parts.append(_text(LEFT - 5, up(value) + 4, f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}", "end"))
+            parts.append(svg.line(LEFT, up(value), WIDTH - RIGHT, up(value), opacity=0.25))
+            parts.append(svg.text(LEFT - 5, up(value) + 4, f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}", anchor="end"))
     for column, color in enumerate(COLORS):
         points = " ".join(f"{across(time):.1f},{up(row[column]):.1f}" for time, row in zip(times, values, strict=True))
         parts.append(Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(points, color))
-        parts.append(_text(LEFT + 470 + 60 * column, 13, names[column], "start", color))
+        parts.append(svg.text(LEFT + 470 + 60 * column, 13, names[column], color=color))
     parts += [
-        _text(LEFT, 13, title, "start"),
-        _text(WIDTH - RIGHT, HEIGHT - 4, f"{times[-1]:.1f} s", "end"),
-        _text(LEFT, HEIGHT - 4, "0 s", "start"),
+        svg.text(LEFT, 13, title),
+        svg.text(WIDTH - RIGHT, HEIGHT - 4, f"{times[-1]:.1f} s", anchor="end"),
+        svg.text(LEFT, HEIGHT - 4, "0 s"),
     ]
-    return Markup('<svg id="contour_{}" class="sticks" viewBox="0 0 {} {}" role="img" aria-label="{}">{}</svg>').format(
-        picture, WIDTH, HEIGHT, title, Markup("").join(parts)
-    )
+    return svg.picture(parts, identity=f"contour_{picture}", kind="sticks", width=WIDTH, height=HEIGHT, label=title)
 
 
 def _faces(marks: Sequence[float], across: Callable[[float], float], last: float) -> Markup:
@@ -57,17 +56,5 @@ def _faces(marks: Sequence[float], across: Callable[[float], float], last: float
                     start, TOP, end - start, HEIGHT - TOP - BOTTOM, shade
                 )
             )
-            parts.append(_text((start + end) / 2, HEIGHT - BOTTOM + 13, f"face {face + 1}", "middle"))
+            parts.append(svg.text((start + end) / 2, HEIGHT - BOTTOM + 13, f"face {face + 1}", anchor="middle"))
     return Markup("").join(parts)
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, opacity: float) -> Markup:
-    return Markup('<line x1="{}" y1="{:.1f}" x2="{}" y2="{:.1f}" stroke="currentColor" opacity="{}"/>').format(
-        x1, y1, x2, y2, opacity
-    )
-
-
-def _text(x: float, y: float, words: str, anchor: str, color: str = "currentColor") -> Markup:
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11" text-anchor="{}" fill="{}">{}</text>').format(
-        x, y, anchor, color, words
-    )

@@ -1,13 +1,11 @@
-"""Bars and lines of the report as SVG, so that they print and work without scripts.
-
-Closed-loop poles in the report: damping over frequency as SVG.
-"""
+"""Budgets, natural frequencies and closed-loop poles of the report as SVG, so that they print and work without scripts."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
+from headstock.app.report import svg
 from headstock.app.texts.tables import sort_shares
 from headstock.pipeline.storage.json_texts import Json
 
@@ -22,7 +20,8 @@ BUDGET_ROW = """<text x="0" y="{line}" font-size="11.5" fill="currentColor">{nam
 <rect x="0" y="{bar}" width="{long}" height="7" rx="2" fill="{color}"/>"""
 LABEL_WIDTH = 44
 STICK_WIDTH, STICK_HEIGHT, STICK_LEFT = 1040, 62, 130
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1040, 230, 56, 16, 22, 34
+WIDTH, HEIGHT = 1040, 230
+LEFT, RIGHT, TOP, BOTTOM = 56.0, 16.0, 22.0, 34.0
 LEAST, MOST = 1e-3, 1.0
 LEVELS = ((1e-3, "0.1 %"), (1e-2, "1 %"), (1e-1, "10 %"), (1.0, "100 %"))
 COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#8a6fae", "#b5566e", "#777777")
@@ -31,16 +30,14 @@ GROWING = "#c0392b"
 
 def draw_budget(shares: Mapping[str, float], colors: Mapping[str, str], identity: str, longest: float) -> Markup:
     """One bar per part, largest first; joints in grey, components in their colours; a share of ``longest`` fills the width."""
-    rows = [item for item in sort_shares(dict(shares))[:BARS_SHOWN] if item[1] >= SHOWN_SHARE]
+    rows = [item for item in sort_shares(shares)[:BARS_SHOWN] if item[1] >= SHOWN_SHARE]
     parts = []
     for number, (name, share) in enumerate(rows):
         places = {"line": number * BAR_STEP + 12, "bar": number * BAR_STEP + 16, "width": BAR_WIDTH}
         words = {"name": shorten(name), "value": repr(share), "text": percent(share), "color": colors.get(name, JOINT_COLOR)}
         parts.append(Markup(BUDGET_ROW).format(**places, **words, long=f"{max(1.0, BAR_WIDTH * share / longest):.1f}"))
     height = max(1, len(rows)) * BAR_STEP + 2
-    return Markup('<svg id="{}" class="budget" viewBox="0 0 {} {}" role="img">{}</svg>').format(
-        identity, BAR_WIDTH, height, Markup("").join(parts)
-    )
+    return svg.picture(parts, identity=identity, kind="budget", width=BAR_WIDTH, height=height)
 
 
 def draw_frequencies(modal: Sequence[Json], identity: str) -> Markup:
@@ -56,22 +53,15 @@ def draw_frequencies(modal: Sequence[Json], identity: str) -> Markup:
                 base - 4, shorten(modes["pose_name"], 18)
             )
         )
-        parts.append(
-            Markup('<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="0.3"/>').format(
-                STICK_LEFT, base, STICK_WIDTH - 20, base
-            )
-        )
+        parts.append(svg.line(STICK_LEFT, base, STICK_WIDTH - 20, base, opacity=0.3))
         parts.append(_sticks(modes, scale, base))
-    size = (STICK_WIDTH, len(modal) * STICK_HEIGHT)
-    return Markup('<svg id="{}" class="sticks" viewBox="0 0 {} {}" role="img">{}</svg>').format(
-        identity, *size, Markup("").join(parts)
-    )
+    return svg.picture(parts, identity=identity, kind="sticks", width=STICK_WIDTH, height=len(modal) * STICK_HEIGHT)
 
 
 def draw_stack(shares: Mapping[str, float], colors: Mapping[str, str]) -> Markup:
     """A thin stacked bar of shares, largest first."""
     parts, start = [], 0.0
-    for name, share in sort_shares(dict(shares)):
+    for name, share in sort_shares(shares):
         if share >= SHOWN_SHARE:
             piece = '<rect x="{:.1f}" width="{:.1f}" height="9" fill="{}"><title>{}</title></rect>'
             parts.append(Markup(piece).format(100 * start, max(0.0, 100 * share - 0.4), colors.get(name, JOINT_COLOR), name))
@@ -116,12 +106,13 @@ def draw_poles(control: Json, identity: str) -> Markup:
     parts = []
     for level, label in LEVELS:
         y = _height(level)
-        parts.append(_line(LEFT, y, WIDTH - RIGHT, y, 0.15))
-        parts.append(_text(LEFT - 6, y + 4, "end", label))
+        parts.append(svg.line(LEFT, y, WIDTH - RIGHT, y, opacity=0.15))
+        parts.append(svg.text(LEFT - 6, y + 4, label, anchor="end"))
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         x = LEFT + share * (WIDTH - LEFT - RIGHT)
-        parts.append(_line(x, TOP, x, HEIGHT - BOTTOM, 0.1))
-        parts.append(_text(x, HEIGHT - BOTTOM + 22, "middle", f"{share * control['up_to_hz']:g}{' Hz' if share == 1.0 else ''}"))
+        parts.append(svg.line(x, TOP, x, HEIGHT - BOTTOM, opacity=0.1))
+        words = f"{share * control['up_to_hz']:g}{' Hz' if share == 1.0 else ''}"
+        parts.append(svg.text(x, HEIGHT - BOTTOM + 22, words, anchor="middle"))
     dot = Markup('<circle cx="{:.1f}" cy="{:.1f}" r="5" fill="{}" opacity="0.85"><title>{}</title></circle>')
     for pole in control["poles"]:
         grows = pole["real"] > 0.0
@@ -131,24 +122,12 @@ def draw_poles(control: Json, identity: str) -> Markup:
         x = LEFT + min(1.0, pole["frequency_hz"] / control["up_to_hz"]) * (WIDTH - LEFT - RIGHT)
         parts.append(dot.format(x, y, color, title))
     for number, name in enumerate(names):
-        parts.append(_text(LEFT + 90 * number, 12, "start", f"● {name}", COLORS[number % len(COLORS)]))
-    frame = '<svg id="{}" class="sticks" viewBox="0 0 {} {}" role="img" aria-label="Damping of closed-loop poles over frequency">{}</svg>'
-    return Markup(frame).format(identity, WIDTH, HEIGHT, Markup("").join(parts))
+        parts.append(svg.text(LEFT + 90 * number, 12, f"● {name}", color=COLORS[number % len(COLORS)]))
+    label = "Damping of closed-loop poles over frequency"
+    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=HEIGHT, label=label)
 
 
 def _height(ratio: float) -> float:
     """Place of a damping ratio on a logarithmic axis, cut at its ends."""
     shown = min(MOST, max(LEAST, ratio))
     return TOP + (HEIGHT - TOP - BOTTOM) * math.log(MOST / shown) / math.log(MOST / LEAST)
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, opacity: float) -> Markup:
-    return Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" stroke="currentColor" opacity="{}"/>').format(
-        x1, y1, x2, y2, opacity
-    )
-
-
-def _text(x: float, y: float, anchor: str, words: str, color: str = "currentColor") -> Markup:
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11" text-anchor="{}" fill="{}">{}</text>').format(
-        x, y, anchor, color, words
-    )

@@ -10,8 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from headstock.app.report import svg
 from headstock.app.report.viewer_data import script_json
-from headstock.app.texts.tables import MOST_FIELDS, broken_phase, magnitude_range, name_entry, response_unit, round_ticks
+from headstock.app.texts.error_texts import raise_digits
+from headstock.app.texts.tables import (
+    MOST_FIELDS,
+    broken_phase,
+    even_ticks,
+    magnitude_range,
+    name_entry,
+    response_unit,
+    round_ticks,
+)
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS
@@ -22,8 +32,6 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 DIGITS = 4
 LEAST_PLAIN, MOST_PLAIN = 0.001, 10_000.0  # decades outside are written as powers
 LEGEND_STEP = 16.0
-LINE = '<line x1="{}" y1="{}" x2="{}" y2="{}" stroke="currentColor" opacity="{}"/>'
-TEXT = '<text x="{}" y="{}" font-size="10.5" text-anchor="{}" fill="currentColor" opacity="0.75">{}</text>'
 BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
 PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin="round"/>'
 
@@ -58,12 +66,9 @@ def draw_response(curves: ResponseCurves, identity: str) -> Markup:
     cells, columns = _lay_out(curves)
     width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
     parts = [_draw_cell(curves, cell) for cell in cells]
-    marks = [Markup('<g class="cursor" visibility="hidden"></g>')]
-    picture = Markup(
-        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
-    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join([*parts, *marks]))
+    parts.append(Markup('<g class="cursor" visibility="hidden"></g>'))
     script = Markup('<script type="application/json" class="response-data" data-for="{}">{}</script>')
-    return picture + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
+    return _picture(parts, identity, width, height) + script.format(identity, Markup(script_json(_cursor_data(curves, cells))))
 
 
 def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
@@ -86,11 +91,14 @@ def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
     for number, (curves, color) in enumerate(zip(responses, itertools.cycle(COLORS), strict=False)):
         y = height + LEGEND_STEP * number + 12.0
         parts.append(Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(LEFT, y - 5.0, color))
-        parts.append(_text(LEFT + 24, y, "start", f"pose {curves.pose}"))
+        parts.append(_text(LEFT + 24, y, f"pose {curves.pose}"))
     height += LEGEND_STEP * len(responses) + 6.0
-    return Markup(
-        '<svg id="{}" class="response" viewBox="0 0 {:.0f} {:.0f}" role="img" style="max-width:{:.0f}px">{}</svg>'
-    ).format(identity, width, height, max(width, 0.6 * PAGE_WIDTH), Markup("").join(parts))
+    return _picture(parts, identity, width, height)
+
+
+def _picture(parts: Sequence[Markup], identity: str, width: float, height: float) -> Markup:
+    widest = max(width, 0.6 * PAGE_WIDTH)
+    return svg.picture(parts, identity=identity, kind="response", width=width, height=height, widest=widest)
 
 
 def has_more_fields(curves: ResponseCurves) -> bool:
@@ -139,22 +147,22 @@ def _draw_curves(cell: _Cell, along: FloatArray) -> Markup:
 
 
 def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
-    left, top = cell.corner[0] + LEFT, cell.corner[1] + TITLE
-    right, middle = cell.corner[0] + cell.width - RIGHT, top + SIZE_HEIGHT
+    left, top = float(cell.corner[0] + LEFT), float(cell.corner[1] + TITLE)
+    right, middle = float(cell.corner[0] + cell.width - RIGHT), top + SIZE_HEIGHT
     low = middle + GAP + PHASE_HEIGHT
-    heading = Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>')
-    parts = [heading.format(left, top - 8, f"{cell.title}  [{cell.unit}]")]
+    parts = [svg.heading(left, top - 8, f"{cell.title}  [{cell.unit}]")]
     for value in round_ticks(cell.low, cell.high):
         y = float(cell.size_level(np.array(value)))
-        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", _name_tick(value))]
+        parts += [svg.line(left, y, right, y, opacity=0.13), _text(left - 5, y + 3.5, _name_tick(value), anchor="end")]
     for angle, label in ((180.0, "180°"), (0.0, "0°"), (-180.0, "−180°")):
         y = float(cell.phase_level(np.array(angle)))
-        parts += [_line(left, y, right, 0.13), _text(left - 5, y + 3.5, "end", label)]
-    ticks = _ticks(curves)
+        parts += [svg.line(left, y, right, y, opacity=0.13), _text(left - 5, y + 3.5, label, anchor="end")]
+    begin, end = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
+    ticks = round_ticks(begin, end) if curves.spacing == "log" else even_ticks(begin, end, 5)
     for frequency in ticks:
         x = float(_places(curves, cell, np.array(frequency)))
-        parts += [Markup(LINE).format(f"{x:.1f}", f"{top:.1f}", f"{x:.1f}", f"{low:.1f}", 0.13)]
-        parts.append(_text(x, low + 13, "middle", f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"))
+        words = f"{frequency:g}{' Hz' if frequency == ticks[-1] else ''}"
+        parts += [svg.line(x, top, x, low, opacity=0.13), _text(x, low + 13, words, anchor="middle")]
     return Markup("").join(parts)
 
 
@@ -171,12 +179,8 @@ def _draw_band(cell: _Cell, along: FloatArray) -> Markup:
     return Markup(BAND).format(path, cell.color)
 
 
-def _line(left: float, y: float, right: float, opacity: float) -> Markup:
-    return Markup(LINE).format(f"{left:.1f}", f"{y:.1f}", f"{right:.1f}", f"{y:.1f}", opacity)
-
-
-def _text(x: float, y: float, anchor: str, text: str) -> Markup:
-    return Markup(TEXT).format(f"{x:.1f}", f"{y:.1f}", anchor, text)
+def _text(x: float, y: float, words: str, *, anchor: str = "start") -> Markup:
+    return svg.text(x, y, words, anchor=anchor, size=10.5, opacity=0.75)
 
 
 def _path(x: FloatArray, y: FloatArray, known: np.ndarray) -> str:  # type: ignore[type-arg]
@@ -192,23 +196,8 @@ def _path(x: FloatArray, y: FloatArray, known: np.ndarray) -> str:  # type: igno
 def _name_tick(value: float) -> str:
     power = round(math.log10(value))
     if math.isclose(value, 10.0**power, rel_tol=1e-9) and not LEAST_PLAIN <= value <= MOST_PLAIN:
-        return f"10{_raised(power)}"
+        return f"10{raise_digits(power)}"
     return f"{value:g}"
-
-
-def _ticks(curves: ResponseCurves) -> list[float]:
-    """Round frequencies: of a logarithmic axis, else five or so steps of 1, 2 or 5."""
-    low, high = float(curves.frequencies_hz[0]), float(curves.frequencies_hz[-1])
-    if curves.spacing == "log":
-        return round_ticks(low, high)
-    rough = (high - low) / 5.0
-    unit = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
-    return [step * number for number in range(math.ceil(low / step), math.floor(high / step * (1 + 1e-9)) + 1)]
-
-
-def _raised(number: int) -> str:
-    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def _cursor_data(curves: ResponseCurves, cells: list[_Cell]) -> dict[str, object]:

@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.pictures.png_images import encode_png
+from headstock.app.report import svg
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.storage.json_texts import Json
@@ -62,25 +63,18 @@ def draw_map(found: Json, name: str, layer: int | None = None) -> Markup:
     title = f"{TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
     shown = [[show_position(end, found["units"][axis]) for end in span] for axis, span in zip(found["axes"], spans, strict=False)]
     words = [
-        _text(LEFT, 14, title, "start", 12),
-        _text(LEFT, TOP + height + 14, shown[0][0], "start"),
-        _text(WIDTH - 8, TOP + height + 14, shown[0][1], "end"),
-        _text(LEFT + inside / 2, TOP + height + 14, found["axes"][0], "middle"),
-        _text(LEFT - 4, TOP + height, shown[1][0], "end"),
-        _text(LEFT - 4, TOP + 9, shown[1][1], "end"),
-        _text(LEFT - 4, TOP + height / 2, found["axes"][1], "end"),
+        svg.text(LEFT, 14, title, size=12),
+        svg.text(LEFT, TOP + height + 14, shown[0][0], size=10),
+        svg.text(WIDTH - 8, TOP + height + 14, shown[0][1], anchor="end", size=10),
+        svg.text(LEFT + inside / 2, TOP + height + 14, found["axes"][0], anchor="middle", size=10),
+        svg.text(LEFT - 4, TOP + height, shown[1][0], anchor="end", size=10),
+        svg.text(LEFT - 4, TOP + 9, shown[1][1], anchor="end", size=10),
+        svg.text(LEFT - 4, TOP + height / 2, found["axes"][1], anchor="end", size=10),
     ]
     image = Markup(
         '<image x="{}" y="{}" width="{}" height="{:.1f}" preserveAspectRatio="none" style="image-rendering:pixelated"'
         ' href="data:image/png;base64,{}"/>'
     ).format(LEFT, TOP, inside, height, picture)
     stem = name if layer is None else f"{name}_{layer}"
-    return Markup('<svg id="map_{}" class="map" viewBox="0 0 {} {:.0f}" role="img" aria-label="{}">{}{}</svg>').format(
-        stem, WIDTH, TOP + height + BOTTOM - 12, title, image, Markup("").join(words)
-    )
-
-
-def _text(x: float, y: float, words: str, anchor: str, size: int = 10) -> Markup:
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="{}" text-anchor="{}" fill="currentColor">{}</text>').format(
-        x, y, size, anchor, words
-    )
+    high = TOP + height + BOTTOM - 12
+    return svg.picture([image, *words], identity=f"map_{stem}", kind="map", width=WIDTH, height=high, label=title)

@@ -1,7 +1,4 @@
-"""A sweep as one HTML page that works offline: maps of every quantity; a click on a pose shows its modes and compliance.
-
-Variants side by side as one HTML page that works offline.
-"""
+"""Sweeps and comparisons, each as one HTML page that works offline; a click on a pose of a sweep shows its modes and compliance."""
 
 import base64
 from collections.abc import Mapping
@@ -11,7 +8,14 @@ from markupsafe import Markup
 
 from headstock.app.report.report import STYLE, read_asset, report_environment
 from headstock.app.report.viewer_data import script_json
-from headstock.app.texts.comparison import alike_rigid_modes, comparison_csv, describe_store, states_errors, variant_error_words
+from headstock.app.texts.comparison import (
+    alike_rigid_modes,
+    comparison_csv,
+    describe_store,
+    list_points,
+    states_errors,
+    variant_error_words,
+)
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.json_texts import Json
@@ -120,7 +124,7 @@ def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
             states_errors=states_errors,
             alike=alike_rigid_modes(summary),
             error_notes=variant_error_words(summary),
-            points=list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"])),
+            points=list_points(summary),
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
             downloads={name: base64.b64encode(table).decode() for name, table in comparison_csv(summary).items()},
             stores={name: describe_store(variant["effort"]) for name, variant in summary["variants"].items()},

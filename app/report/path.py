@@ -1,13 +1,13 @@
 """The path in the report: the line as travelled, its deviation magnified, and the deviation over time with the ramps shaded."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.texts.tables import thin_curve
+from headstock.app.report import svg
+from headstock.app.texts.tables import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_port
@@ -52,9 +52,7 @@ def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Marku
         parts.append(_draw_run(run, output, top))
         top += TITLE + PANEL_HEIGHT + FOOT
     title = f"Deviation of {name_port(port)} from the path"
-    return Markup('<svg id="{}" class="sticks" viewBox="0 0 {} {}" role="img" aria-label="{}">{}</svg>').format(
-        identity, WIDTH, top, title, Markup("").join(parts)
-    )
+    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=title)
 
 
 def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
@@ -64,11 +62,8 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     length = 1e3 * float(curves[0].positions[-1])
     panel = _Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), _range(values))
     steepness = (panel.height / (panel.up[1] - panel.up[0])) / (panel.width / length) * 1e3
-    parts = [
-        _heading(
-            panel, f"The line as travelled, deviation of {name_port(curves[0].outputs[output])} magnified {_round(steepness)} times"
-        )
-    ]
+    title = f"The line as travelled, deviation of {name_port(curves[0].outputs[output])} magnified {_round(steepness)} times"
+    parts = [svg.heading(panel.x, panel.y - 10, title)]
     fastest = max(curves, key=lambda run: run.feed)
     for begin, end in fastest.zones:
         places = 1e3 * np.interp([begin, end], fastest.deviation.times, fastest.positions)
@@ -77,7 +72,9 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     for number, (run, value) in enumerate(zip(curves, values, strict=True)):
         color = FEED_COLORS[number % len(FEED_COLORS)]
         parts.append(_curve(panel, 1e3 * run.positions, value, color, 1.3))
-        parts.append(_text(WIDTH - RIGHT - 120 * (len(curves) - number - 1), TITLE - 10, run.name, "end", color))
+        parts.append(
+            svg.text(WIDTH - RIGHT - 120 * (len(curves) - number - 1), TITLE - 10, run.name, anchor="end", size=10.5, color=color)
+        )
     return Markup("").join(parts)
 
 
@@ -95,7 +92,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
     left, parts = float(LEFT), []
     for number, (span, share) in enumerate(zip(spans, SHARES, strict=True)):
         panel = _Panel(left, top + TITLE, share * room, PANEL_HEIGHT, span, _range([total, follows, rings]))
-        parts.append(_heading(panel, (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number]))
+        parts.append(svg.heading(panel.x, panel.y - 10, (f"{run.name} [{UNITS[unit]}]", "accelerating", "decelerating")[number]))
         parts += [_shade(panel, begin, end) for begin, end in run.zones if begin < span[1] and end > span[0]]
         parts.append(_axes(panel, "s", ""))
         if number:
@@ -104,7 +101,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
         left += panel.width + LEFT
     words = (("deviation", TOTAL), ("quasi-static, with sway", FOLLOWS), ("ringing", RINGS))
     for place, (word, color) in zip((0, 70, 210), words, strict=True):
-        parts.append(_text(LEFT + 150 + place, top + TITLE - 10, word, "start", color))
+        parts.append(svg.text(LEFT + 150 + place, top + TITLE - 10, word, size=10.5, color=color))
     return Markup("").join(parts)
 
 
@@ -132,44 +129,20 @@ def _shade(panel: _Panel, begin: float, end: float) -> Markup:
 
 def _axes(panel: _Panel, unit: str, side: str) -> Markup:
     parts = []
-    for value in _ticks(*panel.up, 4):
+    for value in even_ticks(panel.up[0], panel.up[1], 4):
         y = float(panel.level(np.array(value)))
-        parts.append(_line(panel.x, y, panel.x + panel.width, y, 0.45 if value == 0.0 else 0.13))
-        parts.append(_text(panel.x - 5, y + 3.5, _round(value), "end"))
-    ticks = _ticks(*panel.across, 6)
+        parts.append(svg.line(float(panel.x), y, float(panel.x + panel.width), y, opacity=0.45 if value == 0.0 else 0.13))
+        parts.append(svg.text(panel.x - 5, y + 3.5, _round(value), anchor="end", size=10.5))
+    ticks = even_ticks(panel.across[0], panel.across[1], 6)
     for value in ticks:
         x = float(panel.place(np.array(value)))
-        parts.append(_text(x, panel.y + panel.height + 14, _round(value) + (f" {unit}" if value == ticks[-1] else ""), "middle"))
+        words = _round(value) + (f" {unit}" if value == ticks[-1] else "")
+        parts.append(svg.text(x, panel.y + panel.height + 14, words, anchor="middle", size=10.5))
     if side:
-        parts.append(_text(panel.x - 5, panel.y - 4, side, "end"))
+        parts.append(svg.text(panel.x - 5, panel.y - 4, side, anchor="end", size=10.5))
     return Markup("").join(parts)
 
 
-def _ticks(low: float, high: float, count: int) -> list[float]:
-    """Round numbers between two others."""
-    rough = (high - low) / count
-    unit = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
-    return [step * number for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
-
-
 def _round(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
-
-
-def _heading(panel: _Panel, words: str) -> Markup:
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>').format(
-        panel.x, panel.y - 10, words
-    )
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, opacity: float) -> Markup:
-    return Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" stroke="currentColor" opacity="{}"/>').format(
-        x1, y1, x2, y2, opacity
-    )
-
-
-def _text(x: float, y: float, words: str, anchor: str, color: str = "currentColor") -> Markup:
-    return Markup('<text x="{:.1f}" y="{:.1f}" font-size="10.5" text-anchor="{}" fill="{}">{}</text>').format(
-        x, y, anchor, color, words.replace("-", "−") if words[:1] == "-" else words
-    )
+    text = f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+    return text.replace("-", "−") if text.startswith("-") else text

@@ -21,11 +21,13 @@ from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, enco
 from headstock.app.texts.error_texts import (
     error_words,
     largest_shares,
+    raise_digits,
     response_error_words,
     show_bound,
     show_bounded,
     show_compliances,
     show_damped,
+    show_damping,
     show_damping_error,
     show_size,
 )
@@ -138,7 +140,7 @@ def format_number(value: float, digits: int = 4) -> str:
         return "0"
     if not 1e-4 <= abs(value) < 1e6:
         mantissa, _, exponent = f"{value:.{digits - 2}e}".partition("e")
-        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
+        return f"{mantissa}·10{raise_digits(int(exponent))}".replace("-", "−")
     whole = len(str(int(abs(value)))) if abs(value) >= 1.0 else 0
     return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
 
@@ -186,15 +188,11 @@ def _typeset(text: str) -> str:
     mantissa, exponent, power = text.partition("e")
     whole, point, decimals = mantissa.partition(".")
     whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", "\u202f", whole)
-    return f"{whole}{point}{decimals}{f'·10{_raised(int(power))}' if exponent else ''}".replace("-", "−")
+    return f"{whole}{point}{decimals}{f'·10{raise_digits(int(power))}' if exponent else ''}".replace("-", "−")
 
 
 def _data(value: float, text: str) -> Markup:
     return Markup('<data value="{}">{}</data>').format(repr(value), text)
-
-
-def _raised(number: int) -> str:
-    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
@@ -263,8 +261,9 @@ def report_environment() -> jinja2.Environment:
         "bound": _bound,
         "bounded": _bounded,
         "mode_rows": list_modes,
-        "damping": _damping,
         "damped": _damped,
+        "mode_damping": _damping,
+        "damping": lambda ratio: _data(ratio, show_damping(ratio)),
         "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(repr(error), _typeset(show_size(error))),
         "error_words": error_words,
         "largest_shares": largest_shares,

@@ -51,6 +51,11 @@ def show_size(error: float | None) -> str:
     return "?" if size is None else _write(size)
 
 
+def raise_digits(power: int) -> str:
+    """A power of ten as an exponent is typeset: ``⁻³``."""
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
 def show_compliances(matrix: Sequence[Sequence[float | None]], column: int, errors: Mapping[str, float | None]) -> list[str]:
     """Motions in x, y and z under a force in one direction; across the force as coarse as along either direction.
 

@@ -289,6 +289,20 @@ def round_ticks(low: float, high: float) -> list[float]:
     return found
 
 
+def even_ticks(low: float, high: float, count: int) -> list[float]:
+    """Round numbers on a linear axis, about so many: multiples of 1, 2 or 5.
+
+    Args:
+        low: Where the axis begins.
+        high: Where it ends.
+        count: How many steps there may be.
+    """
+    rough = (high - low) / count
+    unit = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= rough)
+    return [step * number for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
 def broken_phase(values: ComplexArray) -> FloatArray:
     """Phase [degrees], NaN where it jumps from -180 to 180: a line there would say something that is not so."""
     phase = np.degrees(np.angle(values))

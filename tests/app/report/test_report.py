@@ -220,6 +220,22 @@ def test_a_report_of_part_of_the_analyses_holds_what_there_is(run_folder: Path, 
     assert {value for value, _ in Page(html).numbers} <= values_in(summary)
 
 
+def test_closed_loop_poles_are_shown_with_their_damping(run_folder: Path) -> None:
+    drive = {
+        "encoder": "motor",
+        "kv_per_s": 50.0,
+        "velocity_gain_n_s_per_m": 2e5,
+        "dead_time_s": 1e-3,
+        "velocity_lag_um": 12.5,
+        "margins": None,
+    }
+    pole = {"frequency_hz": 37.5, "damping_ratio": 0.03125, "real": -7.4, "imag": 235.5, "drive": "X", "name": "bed bends Y"}
+    control = {"up_to_hz": 300.0, "speed_m_per_s": 0.05, "stable": True, "drives": {"X": drive}, "poles": [pole]}
+    page = Page(render_report(read_summary(run_folder) | {"control": {"reference": control}}))
+    assert (0.03125, "3.12 %") in page.numbers
+    assert {37.5, 12.5} <= {value for value, _ in page.numbers}
+
+
 def test_probes_are_shown_with_their_stress(run_folder: Path) -> None:
     stress = {pair: float(i) for i, pair in enumerate(("xx", "yy", "zz", "xy", "xz", "yz"))}
     probe = {

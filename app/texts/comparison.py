@@ -1,0 +1,127 @@
+"""Variants side by side in words and rows: which modes are alike, where errors come from, tables for CSV files."""
+
+from collections.abc import Iterable, Mapping
+
+from headstock.app.texts.error_texts import bound_size, error_words, largest_shares, show_size
+from headstock.app.texts.tables import DIRECTIONS, PlainTable, encode_csv
+from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.storage.json_texts import Json
+from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+
+ALIKE = 0.9  # MAC from which rigid-body modes of variants are told in one line
+STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
+
+
+def describe_store(effort: Json) -> str:
+    """Where the elastic components came from."""
+    if not effort["elastic_components"]:
+        return "nothing meshed"
+    if not effort["from_store"]:
+        return "cold"
+    every = effort["from_store"] == effort["elastic_components"]
+    return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
+
+
+def states_errors(shares: Iterable[Mapping[str, float | None]]) -> bool:
+    """Whether a mesh error is in any of a variant's errors: without, as of rigid and segmented parts, ± would hide what they leave out."""
+    return any(DISCRETISATION in share for share in shares)
+
+
+def variant_error_words(summary: Json) -> list[str]:
+    """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
+    owners: dict[str, list[str]] = {}
+    for name, variant in summary["variants"].items():
+        found = largest_shares(variant) if states_errors(variant["error_share"]) else {}
+        sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
+        words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
+        owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
+    return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
+
+
+def alike_rigid_modes(summary: Json) -> list[Json]:
+    """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
+    rows = [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and None not in row["variants"].values()]
+    return [row for row in rows if all(cell["mac"] is None or cell["mac"] >= ALIKE for cell in row["variants"].values())]
+
+
+def list_points(summary: Json) -> list[str]:
+    """Points at which a variant has a compliance, in their order."""
+    return list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
+
+
+def read_compliance(summary: Json, name: str, point: str, row: int, column: int) -> float | None:
+    """Entry of the compliance matrix of a variant at a point [µm/kN]; None where it has no such point, or moves freely.
+
+    Args:
+        summary: Of a comparison.
+        name: Of the variant.
+        point: Where.
+        row: Direction of the motion, 0 to 2.
+        column: Direction of the force, 0 to 2.
+    """
+    found = summary["variants"][name]["static"].get(point)
+    if found is None:
+        return None
+    value: float | None = found["compliance_um_per_kN"][row][column]
+    return value
+
+
+def comparison_csv(summary: Json) -> dict[str, bytes]:
+    """File stem to CSV: modes, compliances and variants, unrounded."""
+    names = list(summary["variants"])
+    labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
+    modes = PlainTable(
+        "modes",
+        ("mode", "origin", *(label.format(name) for name in names for label in labels)),
+        tuple(
+            (row["name"], row["origin"], *(item for name in names for item in _list_cell(row["variants"][name])))
+            for row in summary["modes"]
+        ),
+    )
+    compliances = PlainTable(
+        "compliances",
+        ("point", "motion in", "force in", *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))),
+        tuple(
+            (point, a, b, *(item for name in names for item in _list_entry(summary, name, point, i, j)))
+            for point in list_points(summary)
+            for j, b in enumerate(DIRECTIONS)
+            for i, a in enumerate(DIRECTIONS)
+        ),
+    )
+    keys = ("full_dofs", "reduced_dofs", "coupled_dofs")
+    costs = PlainTable(
+        "variants",
+        (
+            "variant",
+            "dofs",
+            "reduced dofs",
+            "coupled dofs",
+            *(f"{step} [s]" for step in (*STEP_NAMES, "total")),
+            "CPU [s]",
+            "from store",
+        ),
+        tuple(
+            (
+                name,
+                *(variant[key] for key in keys),
+                *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
+                variant["effort"]["cpu_seconds"]["total"],
+                describe_store(variant["effort"]),
+            )
+            for name, variant in summary["variants"].items()
+        ),
+    )
+    return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
+
+
+def _list_cell(cell: Json | None) -> tuple[float | None, ...]:
+    if cell is None:
+        return (None,) * 5
+    return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
+
+
+def _list_entry(summary: Json, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
+    value = read_compliance(summary, name, point, row, column)
+    if value is None or row != column:
+        return value, None
+    return value, bound_size(value, summary["variants"][name]["static"][point]["error_um_per_kN"][DIRECTIONS[row]])
