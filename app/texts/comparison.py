@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping
 
 from headstock.app.texts.error_texts import bound_size, error_words, largest_shares, show_size
-from headstock.app.texts.tables import DIRECTIONS, PlainTable, encode_csv
+from headstock.app.texts.tables import PlainTable, encode_csv
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
