@@ -33,6 +33,13 @@ class ModalRequest:
     poses: tuple[str, ...] = ()
     spread: bool = False
 
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        if self.up_to_hz is None:
+            return "all frequencies" if self.count is None else f"{self.count} frequencies"
+        first = "frequencies" if self.count is None else f"{self.count} frequencies at most,"
+        return f"{first} up to {self.up_to_hz:g} Hz"
+
 
 @dataclass(frozen=True)
 class FrfRequest:
@@ -60,6 +67,11 @@ class FrfRequest:
     motion: Motion = "receptance"
     poses: tuple[str, ...] = ()
 
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        entries = f"{len(self.outputs)} × {len(self.inputs)} responses"
+        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz"
+
 
 @dataclass(frozen=True, eq=False)
 class MapRequest:
@@ -74,6 +86,12 @@ class MapRequest:
     axes: tuple[tuple[str, FloatArray], ...]
     fixed: dict[str, float]
     count: int = 3
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        poses = " × ".join(str(len(values)) for _, values in self.axes)
+        names = [name for name, _ in self.axes]
+        return f"modes, stiffness and condition number in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,15 @@ class ContouringRequest:
     forces: Path | None = None
     cutting: bool = True
     regeneration: bool = False
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        source = f"forces of {self.forces.name}" if self.forces is not None else f"cutting forces in {self.material}"
+        if not self.cutting:
+            source = "no cutting force: not named in [effects]"
+        elif self.regeneration:
+            source += ", chips as thick as the last teeth left them"
+        return f"tool gap around a block of {1e3 * self.contour.side:g} mm, {self.model}, {source}"
 
 
 @dataclass(frozen=True)
@@ -142,6 +169,13 @@ class PathRequest:
     cut: PathCut | None = None
     follows_pose: bool = True
 
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        feeds = " and ".join(f"{6e4 * move.feed:g}" for move in self.moves)
+        return (
+            f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz"
+        )
+
 
 @dataclass(frozen=True)
 class ControlRequest:
@@ -150,6 +184,10 @@ class ControlRequest:
     up_to_hz: float
     speed: float
     poses: tuple[str, ...] = ()
+
+    def describe(self, drives: tuple[str, ...]) -> str:
+        """In a few words, with the drives whose loops are closed."""
+        return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""Studies of a scene, and the points they consist of.
-
-Sweeps of a scene, and the poses they consist of.
-"""
+"""Studies and sweeps of a scene, and the points and poses they consist of."""
 
 import itertools
 import math

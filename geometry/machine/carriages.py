@@ -1,7 +1,4 @@
-"""Where the carriages of a machine stand on their rails in a pose.
-
-Where a rail begins and ends, as far as its solid tells without a mesh.
-"""
+"""Where rails begin and end and where carriages stand on them in a pose, as far as solids tell without a mesh."""
 
 import math
 from collections.abc import Mapping

@@ -1,7 +1,4 @@
-"""The machine: components, joints, points and axes; and where everything is in a pose.
-
-A straight move of a machine's axes from one pose to another, and how every component travels in it.
-"""
+"""The machine: components, joints, points and axes, where everything is in a pose, and straight moves between poses."""
 
 import dataclasses
 import math

@@ -1,14 +1,12 @@
-"""Inverse kinematics of the Exechon in closed form: every assembly, joint limits, condition number, singular poses.
-
-Source: Zoppi, Zlatanov and Molfino (2010), DETC2010-28668, sec. 4, written with the angles ``phi`` of the plane of legs 1 and 2
-(sin phi = c_alpha there up to sign) and ``beta`` of the platform in it. Every function takes leading batch dimensions.
-
-The Exechon tripod with its two-axis wrist, as a mechanism: two UPR legs on a common first axis and one SPR leg.
+"""The Exechon, a tripod of two UPR legs on a common first axis and one SPR leg with a two-axis wrist: mechanism and inverse kinematics.
 
 Base frame: y along the common first axis of legs 1 and 2, x towards leg 3, z towards the platform. Platform frame: x along the last
-revolutes of legs 1 and 2, y along the last revolute of leg 3, z towards the tool. Architecture and symbols: Zoppi, Zlatanov and
-Molfino (2010), Kinematics analysis of the Exechon tripod, DETC2010-28668, whose legs A, C, B are legs 1, 2, 3 here. With lumped
-compliances between leg tip and platform joint it is the model of Bonnemains, Chanal, Bouzgarrou and Ray (2010), eqs. 4 to 6.
+revolutes of legs 1 and 2, y along the last revolute of leg 3, z towards the tool. Functions of poses take leading batch dimensions.
+
+Source: Zoppi, Zlatanov and Molfino (2010), Kinematics analysis of the Exechon tripod, DETC2010-28668, whose legs A, C, B are legs 1,
+2, 3 here; sec. 4 is written with the angles ``phi`` of the plane of legs 1 and 2 (sin phi = c_alpha there up to sign) and ``beta`` of
+the platform in it. With lumped compliances between leg tip and platform joint the model is that of Bonnemains, Chanal, Bouzgarrou and
+Ray (2010), eqs. 4 to 6.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,4 @@
-"""The faces of a CAD part as ``show`` numbers them, and what their shapes say: ends, holes, names.
-
-Which faces of a CAD part are likely interfaces: its largest opposing planes, patterns of holes, its widest bore.
-"""
+"""The faces of a CAD part: ends, holes and names, and which of them are likely interfaces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

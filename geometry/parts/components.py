@@ -1,7 +1,4 @@
-"""Components of a machine and the interfaces at which they meet others.
-
-Isotropic linear elastic materials.
-"""
+"""Components of a machine: solid, material, mesh settings, and the interfaces at which they meet others."""
 
 import math
 from dataclasses import dataclass, field

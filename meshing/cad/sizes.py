@@ -1,8 +1,4 @@
-"""How fine each curved face must be meshed: coarse on small fillets, fine where volume or a patch depends on it.
-
-Element sizes around imprinted patches: small at their rims, growing with the distance from them. Element sizes on faces full of
-small holes and short edges, where sizes taken from the nearest edges would stay small everywhere.
-"""
+"""Element sizes on curved faces, around imprinted patches, and on faces full of small holes and short edges."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

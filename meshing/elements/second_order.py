@@ -1,7 +1,4 @@
-"""Second-order tets: elevation of straight meshes and repair of curved elements that came out inverted.
-
-Serendipity hexahedra completed to full second-order ones, which is what the displacement field lives on.
-"""
+"""Second-order tets raised from straight ones and repaired where inverted; serendipity hexes completed to full ones."""
 
 import numpy as np
 

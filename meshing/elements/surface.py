@@ -1,7 +1,4 @@
-"""The surface of a mesh: its outward boundary facets, their match with facets of other origin, and its connected parts.
-
-How far the curved faces of a part lie from its mesh: elements cut them short.
-"""
+"""The surface of a mesh: outward boundary facets, connected parts, and how far it lies from the curved faces it stands for."""
 
 from dataclasses import dataclass
 

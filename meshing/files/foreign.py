@@ -1,7 +1,4 @@
-"""Reads finished meshes of Abaqus and Nastran into gmsh's node order (runs in the child process).
-
-The child process that runs foreign readers: ``python -m headstock.meshing.files.foreign``.
-"""
+"""Reads finished meshes of Abaqus and Nastran into gmsh's node order, in a child: ``python -m headstock.meshing.files.foreign``."""
 
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 Rules: a rigid component is never meshed; a static analysis needs constraint modes and no eigenpairs; mass is assembled only when a
 dynamic analysis or gravity asks for it; fixed-interface modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times
 the highest wanted frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
-
-Where the kind of coupling of an interface is a choice, and components with another choice.
 """
 
 import dataclasses
@@ -36,9 +34,6 @@ from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.scene.requests import (
     Analyses,
     ContouringRequest,
-    ControlRequest,
-    FrfRequest,
-    MapRequest,
     ModalRequest,
     PathRequest,
 )
@@ -111,13 +106,13 @@ def plan_scene(scene: Scene, *, survey: bool = False, before_survey: Callable[[s
     stages += _spread_stages(components, scene.analyses.modal)
     if scene.analyses.map is not None:
         count = math.prod(len(values) for _, values in scene.analyses.map.axes)
-        stages.append(Stage("map", None, _describe_map(scene.analyses.map), estimated_seconds=count / POSES_PER_SECOND))
+        stages.append(Stage("map", None, scene.analyses.map.describe(), estimated_seconds=count / POSES_PER_SECOND))
     if scene.analyses.contouring is not None:
         steps = contour_steps(scene.analyses.contouring)
-        what = _describe_contour(scene.analyses.contouring)
+        what = scene.analyses.contouring.describe()
         stages.append(Stage("contour", None, what, estimated_seconds=steps / STEPS_PER_SECOND))
     if scene.analyses.path is not None:
-        stages.append(Stage("path", None, _describe_path(scene.analyses.path)))
+        stages.append(Stage("path", None, scene.analyses.path.describe()))
     stages.append(Stage("write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]))
     check_memory(stages, scene.limits.memory_bytes)
     check_time(stages, scene.limits.time_s)
@@ -251,56 +246,20 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
         wanted = f"displacement and stress at {', '.join(scene.machine.probes)}"
         stages.append(Stage("recover", None, wanted, pose=pose.name))
     if modal is not None and _is_asked(pose.name, modal.poses):
-        stages.append(Stage("modal", None, _describe_modal(modal), pose=pose.name))
+        stages.append(Stage("modal", None, modal.describe(), pose=pose.name))
     frf = scene.analyses.frf
     if frf is not None and _is_asked(pose.name, frf.poses):
-        stages.append(Stage("frf", None, _describe_frf(frf), pose=pose.name))
+        stages.append(Stage("frf", None, frf.describe(), pose=pose.name))
     control = scene.analyses.control
     if control is not None and _is_asked(pose.name, control.poses):
-        stages.append(Stage("control", None, _describe_control(control, tuple(scene.drives)), pose=pose.name))
+        stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
     return stages
-
-
-def _describe_contour(request: ContouringRequest) -> str:
-    source = f"forces of {request.forces.name}" if request.forces is not None else f"cutting forces in {request.material}"
-    if not request.cutting:
-        source = "no cutting force: not named in [effects]"
-    elif request.regeneration:
-        source += ", chips as thick as the last teeth left them"
-    return f"tool gap around a block of {1e3 * request.contour.side:g} mm, {request.model}, {source}"
 
 
 def contour_steps(request: ContouringRequest) -> float:
     """Time steps of a contour, roughly."""
     seconds = 4.0 * request.contour.side / request.contour.feed
     return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn
-
-
-def _describe_map(request: MapRequest) -> str:
-    poses = " × ".join(str(len(values)) for _, values in request.axes)
-    names = [name for name, _ in request.axes]
-    return f"modes, stiffness and condition number in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
-
-
-def _describe_frf(frf: FrfRequest) -> str:
-    entries = f"{len(frf.outputs)} × {len(frf.inputs)} responses"
-    return f"{frf.motion}, {entries} from {frf.from_hz:g} to {frf.to_hz:g} Hz"
-
-
-def _describe_path(request: PathRequest) -> str:
-    feeds = " and ".join(f"{6e4 * move.feed:g}" for move in request.moves)
-    return f"{', '.join(request.path.axes)} moves {1e3 * request.path.length:g} mm at {feeds} mm/min, sampled at {request.sampling_hz:g} Hz"
-
-
-def _describe_control(control: ControlRequest, drives: tuple[str, ...]) -> str:
-    return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {control.up_to_hz:g} Hz"
-
-
-def _describe_modal(modal: ModalRequest) -> str:
-    if modal.up_to_hz is None:
-        return "all frequencies" if modal.count is None else f"{modal.count} frequencies"
-    first = "frequencies" if modal.count is None else f"{modal.count} frequencies at most,"
-    return f"{first} up to {modal.up_to_hz:g} Hz"
 
 
 def _plan_warnings(components: dict[str, Component]) -> tuple[str, ...]:

@@ -1,7 +1,4 @@
-"""Schema of a closed-loop mechanism: its kind, dimensions, mounting, what it carries, limits and lumped springs.
-
-Schema of a contouring simulation: the block, the way around it, the tool and the cut.
-"""
+"""Schema of a closed-loop mechanism (kind, dimensions, mounting, limits, lumped springs) and of contouring on it."""
 
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,4 @@
-"""Schema of a whole scene file.
-
-Schema of the frequency response analysis. Schema of the accuracy a scene asks for.
-"""
+"""Schema of a whole scene file, its analyses, effects, limits and the accuracy it asks for."""
 
 from typing import Annotated, Any, Literal, Self
 

@@ -1,7 +1,4 @@
-"""Schema of studies: which keys of a scene are varied, and which results are watched.
-
-Schema of sweeps: the poses in which the analyses are repeated, as a grid, as a list, or along a path.
-"""
+"""Schema of studies, which vary keys of a scene and watch results, and of sweeps, which repeat the analyses in poses."""
 
 import math
 from typing import Annotated, Any, Literal, Self
