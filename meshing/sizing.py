@@ -58,6 +58,11 @@ def default_size(volume: float, thinnest: float, extent: float) -> float:
 
     Two elements through the thinnest feature, but between 1/40 and 1/6 of the longest side, and coarser where that would make
     more than 150 000 elements.
+
+    Args:
+        volume: Of the solid [m^3].
+        thinnest: Its thinnest feature [m].
+        extent: Its longest side [m].
     """
     size = min(max(thinnest / 2, extent / SMALLEST_SHARE), extent / LARGEST_SHARE)
     while estimate_tets(volume, thinnest, size) > DEFAULT_CELLS and size < extent / LARGEST_SHARE:
@@ -66,7 +71,13 @@ def default_size(volume: float, thinnest: float, extent: float) -> float:
 
 
 def estimate_tets(volume: float, thinnest: float, size: float) -> int:
-    """Number of tets of a given size in a solid, as a block or as a sheet, whichever is more."""
+    """Number of tets of a given size in a solid, as a block or as a sheet, whichever is more.
+
+    Args:
+        volume: Of the solid [m^3].
+        thinnest: Its thinnest feature [m].
+        size: Of the tets [m].
+    """
     block = TETS_PER_CUBE * volume / size / size / size
     sheet = TETS_PER_SHEET * volume / thinnest / size / size
     return int(min(max(block, sheet), UNCOUNTED))
@@ -76,6 +87,12 @@ def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float)
     """Number of cells that growing from a curve adds, roughly.
 
     Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make up ``L / (s g^2)`` times a number.
+
+    Args:
+        length: Of the curve [m].
+        at_rim: Element size there [m].
+        growth: Of the element size per distance from the curve.
+        size: Largest element size [m].
     """
     return max(CELLS_AT_RIM * length / growth**2 * (1.0 / at_rim - 1.0 / size), 0.0)
 
@@ -104,7 +121,13 @@ def _length_along(solid: ParametricSolid, axis: str | None) -> float:
 
 
 def dense_patch_message(count: float, width: float, across: int) -> str:
-    """What to tell the user when a patch asks for too many elements; width in [m]."""
+    """What to tell the user when a patch asks for too many elements; width in [m].
+
+    Args:
+        count: Of elements.
+        width: Narrowest side of the patch [m].
+        across: Elements across it.
+    """
     return (
         f"the patch is {1e3 * width:.4g} mm wide, and elements of {1e3 * width / across:.3g} mm at its rim make about {count:.2g} cells;"
         f" more than {PATCH_CELLS:.2g} for one patch are refused: write one at least {float(f'{1.1e3 * width * count / PATCH_CELLS:.2g}'):g}"

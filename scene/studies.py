@@ -173,14 +173,27 @@ class Sweep:
 
 
 def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) -> Sweep:
-    """Every combination of the axes' positions."""
+    """Every combination of the axes' positions.
+
+    Args:
+        name: Of the sweep.
+        units: ``m`` or ``rad`` of each axis.
+        spans: Positions ``(n,)`` of each axis [m, rad]; the last changes fastest.
+    """
     positions = np.array(list(itertools.product(*spans.values())), dtype=float) + 0.0
     shape = tuple(len(values) for values in spans.values())
     return Sweep(name, "grid", tuple(spans), tuple(units[axis] for axis in spans), positions, shape)
 
 
 def make_list(name: str, units: dict[str, str], places: list[dict[str, float]], labels: list[str]) -> Sweep:
-    """Poses one by one; axes that a pose does not name stand at zero in it."""
+    """Poses one by one; axes that a pose does not name stand at zero in it.
+
+    Args:
+        name: Of the sweep.
+        units: ``m`` or ``rad`` of each axis.
+        places: Axis to position [m, rad], one per pose.
+        labels: Names of the poses; empty for none.
+    """
     axes, positions = _stack(places)
     return Sweep(name, "list", axes, tuple(units[axis] for axis in axes), positions, (len(positions),), tuple(labels))
 
@@ -189,6 +202,13 @@ def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]
     """Poses along straight legs between waypoints, each leg divided evenly into steps of at most ``step``.
 
     An infinite step gives no poses but the waypoints. The length of a leg is that of the way of the axes that are measured like the step.
+
+    Args:
+        name: Of the sweep.
+        units: ``m`` or ``rad`` of each axis.
+        waypoints: Axis to position [m, rad], one per corner.
+        step: Largest distance of poses [m, rad].
+        unit: ``m`` or ``rad``: that of the step.
     """
     axes, corners = _stack(waypoints)
     measured = np.array([units[axis] == unit for axis in axes])
@@ -204,7 +224,14 @@ def make_path(name: str, units: dict[str, str], waypoints: list[dict[str, float]
 
 
 def count_path(units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str) -> int:
-    """How many poses a path has, without making them; infinite where a number is too large to count."""
+    """How many poses a path has, without making them; infinite where a number is too large to count.
+
+    Args:
+        units: ``m`` or ``rad`` of each axis.
+        waypoints: Axis to position [m, rad], one per corner.
+        step: Largest distance of poses [m, rad].
+        unit: ``m`` or ``rad``: that of the step.
+    """
     axes, corners = _stack(waypoints)
     measured = np.array([units.get(axis) == unit for axis in axes], dtype=bool)
     if not math.isfinite(step):

@@ -163,5 +163,11 @@ def _joint_point(machine: Machine, joint: Joint, rail: JointEnd, placements: Map
 
 
 def count_stations(span: float, length: float, intervals: float) -> int:
-    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs."""
+    """Stations of a rail that give a carriage of a length so many intervals; at least as many as a cubic needs.
+
+    Args:
+        span: Length of the rail [m].
+        length: Of the carriage [m].
+        intervals: Between stations, per length of the carriage.
+    """
     return max(math.ceil(intervals * span / length * (1.0 - OVERHANG_TOLERANCE)), 1) + DEGREE

@@ -110,7 +110,13 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
 
 
 def closure_residual(mechanism: Mechanism, state: FloatArray, placement: Placement | None = None) -> FloatArray:
-    """``phi``, ``(..., m)`` [m, rad], by how much the loops are open."""
+    """``phi``, ``(..., m)`` [m, rad], by how much the loops are open.
+
+    Args:
+        mechanism: With its chains and closures.
+        state: Coordinates ``(..., n)`` [m, rad].
+        placement: Of the marks there, where it is known already.
+    """
     layout = closure_layout(mechanism)
     placement = placement or place_marks(mechanism, state)
     axes, gap = _axes_and_gap(layout, placement)
@@ -121,7 +127,13 @@ def closure_residual(mechanism: Mechanism, state: FloatArray, placement: Placeme
 
 
 def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> FloatArray:
-    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint accelerations."""
+    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint accelerations.
+
+    Args:
+        mechanism: With its chains and closures.
+        placement: Of the marks in a state.
+        bias: Accelerations of the marks there with zero joint accelerations.
+    """
     layout = closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
     omega, alpha = bias.omega.take(layout.meet_frame, axis=-2), bias.alpha.take(layout.meet_frame, axis=-2)
@@ -154,7 +166,13 @@ def close_loops(mechanism: Mechanism, state: FloatArray, *, unknown: slice | Ind
 def close_kinematics(
     mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
 ) -> tuple[FloatArray, Kinematics]:
-    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's method."""
+    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's method.
+
+    Args:
+        mechanism: With its chains and closures.
+        state: Coordinates ``(..., n)`` [m, rad] to start from.
+        unknown: Which coordinates may change; None for the passive ones.
+    """
     columns = mechanism.passive_slice if unknown is None else unknown
     state = np.array(state, dtype=np.result_type(state, float))
     before = np.inf

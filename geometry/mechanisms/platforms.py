@@ -48,7 +48,14 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
 
 
 def planar_3rpr_state(base: FloatArray, platform: FloatArray, place: Sequence[float], angle: float) -> FloatArray:
-    """All coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by an angle [rad]."""
+    """All coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by an angle [rad].
+
+    Args:
+        base: Base joints, ``(3, 2)`` [m].
+        platform: Platform joints in the platform frame, ``(3, 2)`` [m].
+        place: Of the platform frame, x and y [m].
+        angle: By which it is turned [rad].
+    """
     mechanism = planar_3rpr(base, platform)
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     legs = np.asarray(place) + platform @ turned.T - base
@@ -64,6 +71,11 @@ def planar_3rpr_assemblies(base: FloatArray, platform: FloatArray, lengths: Floa
 
     With the first platform joint as origin the differences of the leg equations are linear in its place; what is left is a
     trigonometric polynomial of degree three in the angle (Gosselin, Sefrioui and Richard 1992), found here from seven samples.
+
+    Args:
+        base: Base joints, ``(3, 2)`` [m].
+        platform: Platform joints in the platform frame, ``(3, 2)`` [m].
+        lengths: Of the legs, ``(3,)`` [m].
     """
     own = platform - platform[0]
 

@@ -41,14 +41,28 @@ def in_plane_axes(axis: int) -> tuple[int, int]:
 
 
 def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and ``high`` [m]."""
+    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and ``high`` [m].
+
+    Args:
+        count: Of ribs.
+        thickness: Of each [m].
+        low: Where the first gap begins [m].
+        high: Where the last gap ends [m].
+    """
     gap = (high - low - count * thickness) / (count + 1)
     starts = [low + gap * (k + 1) + thickness * k for k in range(count)]
     return [(start, start + thickness) for start in starts]
 
 
 def clear_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """The clear gaps that ``rib_spans`` leaves [m]."""
+    """The clear gaps that ``rib_spans`` leaves [m].
+
+    Args:
+        count: Of ribs.
+        thickness: Of each [m].
+        low: Where the first gap begins [m].
+        high: Where the last gap ends [m].
+    """
     ribs = rib_spans(count, thickness, low, high)
     edges = [low, *(edge for rib in ribs for edge in rib), high]
     return list(zip(edges[::2], edges[1::2], strict=True))

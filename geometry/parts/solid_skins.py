@@ -55,7 +55,13 @@ def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
 
 
 def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Skin:
-    """A block between two corners [m]."""
+    """A block between two corners [m].
+
+    Args:
+        low: Lowest corner, ``(3,)`` [m].
+        high: Highest corner, ``(3,)`` [m].
+        source: What the skin is made from.
+    """
     points = np.array([np.where(bits, high, low) for bits in itertools.product((False, True), repeat=3)])[:, :]
     # product runs z fastest; BOX_QUADS counts x fastest
     points = points[[4 * (i & 1) + 2 * (i >> 1 & 1) + (i >> 2) for i in range(8)]]
@@ -64,7 +70,13 @@ def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Ski
 
 
 def inertia_skin(mass: float, center: FloatArray, inertia: FloatArray) -> Skin:
-    """The block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each principal axis; a speck without mass."""
+    """The block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each principal axis; a speck without mass.
+
+    Args:
+        mass: Of the body [kg].
+        center: Its centre of mass, ``(3,)`` [m].
+        inertia: About it, ``(3, 3)`` [kg m^2].
+    """
     moments, axes = np.linalg.eigh(inertia / mass if mass > 0.0 else np.zeros((3, 3)))
     squares = 6.0 * (moments.sum() - 2.0 * moments)
     half = 0.5 * np.sqrt(np.maximum(squares, 1e-6))

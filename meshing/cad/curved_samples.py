@@ -56,7 +56,13 @@ SAMPLES: dict[str, Callable[[Sizes], None]] = {"ball": _ball, "cone": _cone, "el
 
 
 def write_sample(kind: str, sizes: Sizes, path: str) -> None:
-    """Write one solid as a STEP file."""
+    """Write one solid as a STEP file.
+
+    Args:
+        kind: Which solid.
+        sizes: Its lengths by name [mm].
+        path: Of the STEP file.
+    """
     with open_kernel():
         SAMPLES[kind](sizes)
         gmsh.model.occ.synchronize()

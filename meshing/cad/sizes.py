@@ -70,7 +70,13 @@ class CurvedFaces:
 
 
 def measure_curved_faces(faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int) -> CurvedFaces:
-    """Curved faces of the open gmsh model, and the round rims of its plane patches."""
+    """Curved faces of the open gmsh model, and the round rims of its plane patches.
+
+    Args:
+        faces: Tags of all faces.
+        patch_faces: Tags of the faces of each patch group.
+        order: Of the elements.
+    """
     chosen = {tag for tags in patch_faces.values() for tag in tags}
     rows: list[tuple[float, ...]] = []
     rims: list[tuple[float, float]] = []
@@ -189,7 +195,13 @@ def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float)
 
 
 def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float) -> int:
-    """Number of cells that growing from curves adds, roughly; of each curve the element size there."""
+    """Number of cells that growing from curves adds, roughly; of each curve the element size there.
+
+    Args:
+        rims: Curve tag to the element size there [m].
+        growth: Of the element size per distance from the curve.
+        size: Largest element size [m].
+    """
     length = gmsh.model.occ.getMass
     return int(sum(count_rim_cells(float(length(1, curve)), s, growth=growth, size=size) for curve, s in rims.items()))
 

@@ -79,6 +79,12 @@ def list_faces(numbers: Sequence[int]) -> str:
 def refuse_slivers(faces: Sequence[int], *, left: Collection[int], size: float, unit: float) -> None:
     """Refuse a shape with slivers.
 
+    Args:
+        faces: Tags of the faces to look at.
+        left: Tags of those that the shape to be meshed still has.
+        size: Of elements, in the unit of the model.
+        unit: Of the model's lengths [m].
+
     Raises:
         MeshError: Names the faces, their width and their length.
     """

@@ -237,7 +237,13 @@ def count_hexes(component: Component, size: float) -> int:
 
 
 def patch_groups(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> Groups:
-    """Patches of every group of a component, by group name."""
+    """Patches of every group of a component, by group name.
+
+    Args:
+        component: With interfaces.
+        supports: Of the machine; those on other components are left out.
+        loads: Of the machine; those on other components are left out.
+    """
     groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
     groups |= {f"support:{s.name}": s.patches for s in supports if s.component == component.name}
     groups |= {f"load:{load.name}": load.patches for load in loads if load.component == component.name and load.patches}
@@ -252,7 +258,15 @@ def run_shape_job(
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
-    """Run the CAD kernel on a component in a child process and return what it found, in metres."""
+    """Run the CAD kernel on a component in a child process and return what it found, in metres.
+
+    Args:
+        component: With a CAD or parametric solid.
+        groups: Patches by group name.
+        task: Mesh it, list its faces, or count what a mesh would have.
+        time_limit: Processor time of the child [s].
+        refinement: How many times finer the curved faces are to be meshed.
+    """
     job = _shape_job(component, groups, task=task, refinement=refinement)
     data, scale = run_job(job, what=f"component {component.name!r}", time_limit=time_limit), job.unit
     properties = None if data.properties is None else scale_properties(data.properties, scale)
@@ -341,6 +355,11 @@ def _mesh_grid(component: Component, groups: Groups, what: str) -> MeshData:
 
 def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME_LIMIT) -> MeshData:
     """Read a mesh file in a child process, in metres.
+
+    Args:
+        solid: The file and its unit.
+        what: Whose mesh it is, for messages.
+        time_limit: Processor time of the child [s].
 
     Raises:
         MeshError: It cannot be read.

@@ -41,7 +41,14 @@ def mesh_box_grid(box: Box, groups: Mapping[str, Sequence[Patch]], *, size: floa
 
 
 def grid_lines(box: Box, patches: Iterable[Patch], size: float, across: int = 4) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes between them."""
+    """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes between them.
+
+    Args:
+        box: The block.
+        patches: On its faces.
+        size: Largest distance of planes [m].
+        across: Fewest elements across a patch.
+    """
     low, high = _corners(box)
     cuts: list[list[float]] = [[low[axis], high[axis]] for axis in range(3)]
     narrow: list[list[tuple[float, float]]] = [[], [], []]

@@ -51,7 +51,13 @@ def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> Flo
 
 
 def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> tuple[float, FloatArray, FloatArray]:
-    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it for unit density [m^5], integrated over the cells."""
+    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it for unit density [m^5], integrated over the cells.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+    """
     origin = points.mean(axis=0)  # far-off meshes would cancel otherwise
     nodes, weights = _quadrature(kind, 5)
     values = shape_functions(kind, nodes)
@@ -69,7 +75,13 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> tuple
 
 
 def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
-    """Volume of a mesh [m^3], exact for its (curved) elements."""
+    """Volume of a mesh [m^3], exact for its (curved) elements.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+    """
     nodes, weights = _quadrature(kind, 1 if kind == "tet4" else 3)
     return float(
         sum(
@@ -101,7 +113,14 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
 
 
 def jacobian_determinants(points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray) -> FloatArray:
-    """Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points ``(n_samples, 3)``."""
+    """Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points ``(n_samples, 3)``.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+        samples: Reference points, ``(n_samples, 3)``.
+    """
     return _determinants(_jacobians(points, cells, kind, samples))
 
 

@@ -52,7 +52,14 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
 
 
 def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> bool:
-    """Whether every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh."""
+    """Whether every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+        tolerance: Share of the size of the mesh.
+    """
     if cell_order(kind) == 1:
         return True
     family = cell_family(kind)

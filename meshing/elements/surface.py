@@ -80,7 +80,13 @@ def corner_normals(points: FloatArray, surface: MeshSurface) -> FloatArray:
 
 
 def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, IntArray]:
-    """Number of parts of a mesh that share no node, and the part of each cell ``(n_cells,)``."""
+    """Number of parts of a mesh that share no node, and the part of each cell ``(n_cells,)``.
+
+    Args:
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+        n_points: Number of nodes.
+    """
     corners = cells[:, : corner_count(kind)]
     rows = np.repeat(corners[:, 0], corners.shape[1] - 1)
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, corners[:, 1:].ravel())), shape=(n_points, n_points))
@@ -123,6 +129,12 @@ def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets)
 
 
 def gaps_agree(gaps: SurfaceGaps, volume: float, cad_volume: float) -> bool:
-    """Whether the gaps add up to the volume that a mesh misses of its part; roundoff is no disagreement."""
+    """Whether the gaps add up to the volume that a mesh misses of its part; roundoff is no disagreement.
+
+    Args:
+        gaps: Between the mesh and the faces of its part.
+        volume: Of the mesh [m^3].
+        cad_volume: Of the part [m^3].
+    """
     missing = cad_volume - volume
     return bool(abs(float(gaps.volumes.sum()) - missing) <= TRUSTED * np.abs(gaps.volumes).sum() + 1e-7 * cad_volume)

@@ -38,7 +38,13 @@ def set_nodes(data: MeshData, patch: Patch) -> IntArray:
 
 
 def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
-    """Facets that lie in the plane at one end of the bounding box and face outward."""
+    """Facets that lie in the plane at one end of the bounding box and face outward.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        surface: Of the mesh.
+        face: ``x-`` to ``z+``.
+    """
     axis, sign = FACE_DIRECTIONS[face]
     corners = surface.facets[:, : surface.corners]
     heights = sign * points[corners][:, :, axis]

@@ -140,7 +140,14 @@ def build_frame(at: list[float], rotate: list[RotationTable]) -> Frame:
 
 
 def build_interface(name: str, table: InterfaceTable, solid: Solid, stations: int | None = None) -> Interface:
-    """The interface a table stands for; a rail takes the given number of stations where the table names none."""
+    """The interface a table stands for; a rail takes the given number of stations where the table names none.
+
+    Args:
+        name: Of the interface.
+        table: Its table.
+        solid: Of its component, in whose frame patches are placed.
+        stations: Of a rail whose table names none; as few as a cubic needs without.
+    """
     patches = tuple(build_patch(patch, solid) for patch in table.patch_tables())
     if table.rail is None:
         return Interface(name, patches, table.coupling, table.force)
@@ -152,7 +159,16 @@ def build_interface(name: str, table: InterfaceTable, solid: Solid, stations: in
 def build_component(
     name: str, table: ComponentTable, solid: Solid, material: Material, *, free: bool, stations: Mapping[str, int]
 ) -> Component:
-    """The component a faultless table stands for; ``stations`` are those of rails whose tables name none."""
+    """The component a faultless table stands for; ``stations`` are those of rails whose tables name none.
+
+    Args:
+        name: Of the component.
+        table: Its table.
+        solid: Its shape.
+        material: Its material.
+        free: Every component of the scene may float.
+        stations: Of rails whose tables name none, by interface.
+    """
     interfaces = {key: build_interface(key, entry, solid, stations.get(key)) for key, entry in table.interfaces.items()}
     return Component(
         name=name,
@@ -353,7 +369,13 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
 
 
 def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
-    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when only the CAD kernel can say."""
+    """Why a patch asks for more elements than a mesh should have; empty when it does not, or when only the CAD kernel can say.
+
+    Args:
+        table: Of the component.
+        patch: On its solid.
+        solid: Shape of the component.
+    """
     if table.fidelity != "elastic" or table.mesh.cells == "hex" or table.mesh.growth is not None:
         return ""
     if isinstance(solid, MeshFile | StepFile | SuperelementFile):

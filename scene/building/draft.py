@@ -79,7 +79,14 @@ def check_name(key: KeyPath, name: str, section: str, draft: Draft, findings: Fi
 
 
 def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> None:
-    """Report an end that means neither ground nor an interface of a component."""
+    """Report an end that means neither ground nor an interface of a component.
+
+    Args:
+        key: Where it is written.
+        end: What is written.
+        draft: The scene.
+        findings: Receives problems.
+    """
     if end.component is None:
         return
     if end.component not in draft.interfaces:
@@ -96,7 +103,14 @@ def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> 
 
 
 def check_port(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
-    """Report a port that is at neither a point nor ``component.interface``."""
+    """Report a port that is at neither a point nor ``component.interface``.
+
+    Args:
+        key: Where it is written.
+        name: What is written.
+        draft: The scene.
+        findings: Receives problems.
+    """
     component, dot, interface = name.partition(".")
     if dot:
         check_end(key, JointEnd(component, interface), draft, findings)
@@ -105,7 +119,14 @@ def check_port(key: KeyPath, name: str, draft: Draft, findings: Findings) -> Non
 
 
 def check_pose_names(key: KeyPath, poses: Iterable[str] | None, draft: Draft, findings: Findings) -> None:
-    """Report names that are no poses; a scene without poses has one that is called ``reference``."""
+    """Report names that are no poses; a scene without poses has one that is called ``reference``.
+
+    Args:
+        key: Where they are written.
+        poses: What is written; None for nothing.
+        draft: The scene.
+        findings: Receives problems.
+    """
     for index, pose in enumerate(poses or ()):
         if pose != "reference" or draft.sections.get("poses"):
             check_name((*key, index), pose, "poses", draft, findings)

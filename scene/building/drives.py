@@ -41,7 +41,13 @@ def driven_axis(name: str, table: DriveTable) -> str:
 
 
 def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
-    """Ball screws of a drive's axis, or the one it names."""
+    """Ball screws of a drive's axis, or the one it names.
+
+    Args:
+        name: Of the drive.
+        table: Its table.
+        scene: With the tables it refers to.
+    """
     axis = scene.axes.get(driven_axis(name, table))
     known = [] if axis is None else [joint for joint in axis.joint_names() if joint in scene.joints]
     screws = [joint for joint in known if scene.joints[joint].kind == "ball_screw"]

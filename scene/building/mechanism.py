@@ -72,6 +72,11 @@ def build_map(scene: SceneTable) -> MapRequest | None:
 def build_contouring(scene: SceneTable, folder: Path, damping_ratios: tuple[float, ...]) -> ContouringRequest | None:
     """The contour a scene asks for.
 
+    Args:
+        scene: With its tables.
+        folder: Of the scene, for the file of measured forces.
+        damping_ratios: Of the first, second, ... mode, the last for all others.
+
     Raises:
         ValueError: The file of measured forces is missing or out of bounds.
     """

@@ -23,7 +23,13 @@ Ends = dict[tuple[str, str], list[str]]
 
 
 def default_stations(span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS) -> int:
-    """Stations of a rail for a carriage of a length [m]."""
+    """Stations of a rail for a carriage of a length [m].
+
+    Args:
+        span: Where the rail begins and ends [m].
+        length: Of the carriage [m].
+        intervals: Between stations, per length of the carriage.
+    """
     return count_stations(span[1] - span[0], length, intervals)
 
 

@@ -40,7 +40,13 @@ UNITS = {"m": "mm", "rad": "deg"}
 
 
 def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
-    """The sweep a faultless table stands for, with the ways that were read from files."""
+    """The sweep a faultless table stands for, with the ways that were read from files.
+
+    Args:
+        name: Of the sweep.
+        scene: With the tables it refers to.
+        paths: Way of each sweep that names a file.
+    """
     return dataclasses.replace(_build_poses(name, scene, paths), variant=scene.sweeps[name].variant)
 
 
@@ -71,7 +77,13 @@ def check_sweeps(draft: Draft, findings: Findings) -> None:
 
 
 def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) -> None:
-    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of each is named."""
+    """Report carriages that hang over the end of their rail in a pose of a sweep; the first pose of each is named.
+
+    Args:
+        machine: As the sweep goes through it.
+        sweep: Its poses.
+        findings: Receives problems.
+    """
     told: set[str] = set()
     for number in range(len(sweep.positions)):
         pose = sweep_pose(sweep, number)

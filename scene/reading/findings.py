@@ -84,14 +84,26 @@ class Findings:
             self.problems.append((self.origin_of(key).line or 0, problem))
 
     def add_for(self, analysis: str, key: KeyPath, message: str) -> None:
-        """Report what an analysis lacks that a variant may bring; a problem only once the analysis is asked for."""
+        """Report what an analysis lacks that a variant may bring; a problem only once the analysis is asked for.
+
+        Args:
+            analysis: That lacks it.
+            key: Where it is missing.
+            message: What is missing and what to write.
+        """
         if analysis in self.on_request:
             self.deferred.setdefault(analysis, []).append(self._problem(key, message))
         else:
             self.add(key, message)
 
     def add_line(self, line: int | None, message: str, key: str = "") -> None:
-        """Report a problem at a line of the file, or at the file as a whole."""
+        """Report a problem at a line of the file, or at the file as a whole.
+
+        Args:
+            line: From 1; None for the file as a whole.
+            message: What is wrong and what to write.
+            key: Dotted key, where one is known.
+        """
         self.problems.append((line or 0, Problem(self._place(Origin(line)), key, self.source_line(line), message)))
 
     def warn(self, key: KeyPath, message: str) -> None:
@@ -150,7 +162,13 @@ def show_key(key: KeyPath) -> str:
 
 
 def suggest_names(wrong: object, names: Iterable[str], *, what: str) -> str:
-    """Say which names exist and which one was probably meant: ``did you mean 'steel'? materials: cast_iron, steel``."""
+    """Say which names exist and which one was probably meant: ``did you mean 'steel'? materials: cast_iron, steel``.
+
+    Args:
+        wrong: What is written.
+        names: What could be.
+        what: Word for them, in the plural.
+    """
     known = sorted(names)
     close = difflib.get_close_matches(str(wrong)[:80], known, n=1, cutoff=0.6)
     listed = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")

@@ -71,7 +71,13 @@ def written_unit(raw: Mapping[str, Any], key: KeyPath) -> str:
 
 
 def write_number(value: float, unit: str, digits: int = 9) -> str | float:
-    """A number in SI units as a scene writes it in a unit."""
+    """A number in SI units as a scene writes it in a unit.
+
+    Args:
+        value: In SI units.
+        unit: As a scene writes it; empty for a plain number.
+        digits: Significant ones.
+    """
     if not unit:
         return float(f"{value:.{digits}g}")
     return f"{value / parse_quantity(f'1 {unit}', *DIMENSIONS).value:.{digits}g} {unit}"

@@ -189,7 +189,13 @@ class ProbeTable(StrictTable):
 
 
 def check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> None:
-    """Refuse an area that is given twice, not at all, or with two shapes."""
+    """Refuse an area that is given twice, not at all, or with two shapes.
+
+    Args:
+        face: ``component.face``, where given.
+        at: ``component.interface``, where given.
+        shapes: Disk, rect and strip; None for those that are not given.
+    """
     if (face is None) == (at is None):
         raise problem('needs either face = "component.z-" or at = "component.interface"')
     if at is not None and any(shape is not None for shape in shapes):

@@ -37,6 +37,11 @@ def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> 
     """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too.
 
     ``calibrated+segmented+R`` applies three variants, the later over the earlier.
+
+    Args:
+        raw: The scene as parsed.
+        name: One variant, or several joined by ``+``; None for none.
+        findings: Receives problems.
     """
     variants = raw.get("variants", {})
     result = dict(raw)
@@ -69,7 +74,13 @@ def _apply_overrides(raw: dict[str, Any], name: str, overrides: Any, findings: F
 
 
 def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findings) -> None:
-    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not."""
+    """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not.
+
+    Args:
+        raw: The scene as parsed; changed in place.
+        settings: ``key=value`` with dotted keys.
+        findings: Receives problems.
+    """
     for setting in settings[:MAX_OVERRIDES]:
         key, equals, text = setting.partition("=")
         path = _split_key(key)
@@ -81,7 +92,13 @@ def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findi
 
 
 def apply_values(raw: dict[str, Any], values: Mapping[str, Any], findings: Findings) -> None:
-    """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study."""
+    """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study.
+
+    Args:
+        raw: The scene as parsed; changed in place.
+        values: By dotted key.
+        findings: Receives problems.
+    """
     for key, value in values.items():
         _override(raw, _split_key(key), copy.deepcopy(value), Origin(None, f"study: {key} = {value}"), findings, record=True)
 
