@@ -1,7 +1,4 @@
-"""Sums and maxima of arrays over the ranks of a communicator.
-
-Passing a value from rank 0 to ranks that have nothing to do meanwhile.
-"""
+"""Talk between the ranks of a communicator: sums and maxima of arrays, and values passed from rank 0."""
 
 import time
 from collections.abc import Callable

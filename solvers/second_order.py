@@ -1,7 +1,4 @@
-"""The one type every analysis takes: a linear second-order system with named inputs and outputs.
-
-Inputs and outputs of a system by name.
-"""
+"""The one type every analysis takes: a linear second-order system with inputs and outputs by name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Averaging interfaces as weighted means of the displacement, and the mean motion of a body that nothing holds.
-
-Constraint modes: static shapes of a component for unit boundary dofs.
-"""
+"""Constraint modes: static shapes of a component for unit boundary dofs; averaging interfaces as weighted means, free bodies' mean motion."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,4 @@
-"""Rigid motions that nothing holds meet no stiffness: what rounding makes of that zero is checked and taken out.
-
-First-order elements lock in bending: where that would be gross they are refused, elsewhere they are spoken of.
-"""
+"""Checks of a meshed component: rounding that makes free rigid motions stiff is taken out, first-order elements that lock are refused."""
 
 import numpy as np
 

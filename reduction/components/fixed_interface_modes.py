@@ -1,7 +1,4 @@
-"""Fixed-interface modes of a component: iterative for few modes, dense for most of a small model's.
-
-The moments of the fixed-interface modes that a reduction leaves out, with the factorisation at hand.
-"""
+"""Fixed-interface modes of a component, iterative or dense, and the moments of those that a reduction leaves out."""
 
 import dataclasses
 from dataclasses import dataclass

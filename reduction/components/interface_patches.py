@@ -1,7 +1,4 @@
-"""Area integrals over a patch of a mesh: nodes, weights, centroid and the rank of its rigid motions.
-
-Static loads on a component as vectors of nodal forces, one per direction of the component's axes.
-"""
+"""Area integrals over a patch of a mesh (nodes, weights, centroid, rigid motions), and static loads as nodal forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Where the nodes of a segmented bar sit, what is rigid between them, and how the bar moves at any place along it.
-
-The six-dof springs between the segments of a bar, and the mass of one segment.
-"""
+"""A segmented bar: its nodes, the six-dof springs between segments, the mass of each, and how the bar moves at any place along it."""
 
 import itertools
 from collections.abc import Sequence

@@ -1,8 +1,4 @@
-"""Relative motion across joints, and the springs it stretches.
-
-The stiffness of a ball screw with its nut anywhere between the bearings. Springs sorted into groups of like stiffness, stiffest
-first.
-"""
+"""Springs of joints: the relative motions they resist, ball screws with the nut anywhere, and groups of like stiffness."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,6 @@
-"""Mass, stiffness and damping of a coupled machine in its free coordinates.
+"""Mass, stiffness and damping of a coupled machine in its free coordinates, and a memo of what poses of the same superelements share.
 
-What couplings of the same superelements in many poses share, so that a pose costs what its joints cost.
-
-Nothing in it changes a result: a coupling with a memo gives the numbers of one without, whatever was coupled before.
+A memo changes no result: a coupling with one gives the numbers of a coupling without, whatever was coupled before.
 """
 
 import functools

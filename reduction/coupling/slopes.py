@@ -2,11 +2,8 @@
 
 With ``q = T z`` and held motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT = -dC T`` keeps the coordinates
 admissible, and ``K = T^T K_s T`` differentiates by the product rule; a turn of the coordinates among themselves drops out.
-
-The parts a coupled machine is put together from, in stacked dofs, before any coordinate is eliminated.
-
-They are smooth functions of every dimension, stiffness and place in the scene, which coordinates and mode shapes are not:
-differences are taken of them.
+Differences are taken of the parts in stacked dofs, before any coordinate is eliminated: they are smooth functions of every dimension,
+stiffness and place in the scene, which coordinates and mode shapes are not.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,4 @@
-"""The dynamic stiffness of a coupled machine in a small trial space, and what meshes and the modes left out change of it.
-
-How far the frequency response of a reduced machine is from that of finer meshes with every mode kept.
-"""
+"""How far the frequency response of a reduced machine is from that of finer meshes with every mode kept, in a small trial space."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,4 @@
-"""What each component of a machine does in a motion: how it moves as a rigid body and what is left as deformation.
-
-Motions of a machine that nothing holds: which bodies move, and how.
-"""
+"""What each component does in a motion of the machine: rigid motion and deformation, and the motions that nothing resists."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

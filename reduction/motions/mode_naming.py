@@ -1,7 +1,4 @@
-"""A short name for every mode of a machine: what bends, what moves and on what.
-
-What the deformation of a body of revolution is called: by its harmonic around the axis, since it has no X and Y of its own.
-"""
+"""A short name for every mode of a machine: what bends, what moves and on what; of bodies of revolution, the harmonic around the axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

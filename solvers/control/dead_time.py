@@ -1,7 +1,4 @@
-"""A dead time as a chain of all-pass filters: Pade's approximation in a form that rounding does not spoil.
-
-Small linear blocks ``x' = A x + B u``, ``y = C x + D u``, and how they are put together.
-"""
+"""Linear blocks ``x' = A x + B u``, ``y = C x + D u``, how they are put together, and a dead time as one (Pade, by all-pass filters)."""
 
 import functools
 import math

@@ -4,9 +4,8 @@
     F     = lag(dead time(kp (v_ref - v_motor) + kp / T_n  integral(v_ref - v_motor) + m_f a_set))
 
 The machine is linear about its pose; the travel of an axis is a free coordinate of it, so that set points may be as large as the
-pose allows. The loop is continuous: sampling counts as a dead time of one cycle of computing and half a cycle of hold.
-
-How far a controlled axis lags behind its set point at constant speed.
+pose allows. The loop is continuous: sampling counts as a dead time of one cycle of computing and half a cycle of hold. At constant speed a
+controlled axis lags behind its set point by a constant.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""A closed loop whose guides rub: its rate of change, with the works of all forces as states of their own.
-
-Friction of a guide: Coulomb with a Stribeck curve and a viscous part, smooth through zero velocity.
-"""
+"""A closed loop whose guides rub (Coulomb, Stribeck, viscous; smooth through zero velocity), with the works of all forces as states."""
 
 from dataclasses import dataclass
 

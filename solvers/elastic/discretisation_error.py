@@ -1,7 +1,6 @@
-"""Smooth stresses out of element stresses: polynomials fitted over the cells around each corner point of a mesh.
+"""How much strain energy finite elements miss: element stresses compared with smooth ones fitted over the cells around each corner point.
 
-How much strain energy finite elements miss: element stresses held against smoother ones recovered from them. Stresses of many
-displacement fields at once, scaled so that half their square is the density of strain energy.
+Stresses are those of many displacement fields at once, scaled so that half their square is the density of strain energy.
 """
 
 from collections.abc import Iterator

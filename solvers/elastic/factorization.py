@@ -1,7 +1,4 @@
-"""Sparse Cholesky factorisation of a component's stiffness with some dofs held: factor once, solve many.
-
-Fill-reducing order of mesh nodes by METIS, where the library is there.
-"""
+"""Sparse Cholesky factorisation of a component's stiffness with fixed dofs, ordered by METIS where it is there: factor once, solve many."""
 
 import ctypes
 import ctypes.util

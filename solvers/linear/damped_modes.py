@@ -1,7 +1,4 @@
-"""Complex modes of a viscously damped second-order system, overdamped ones included.
-
-The lowest poles of a system whose dampers couple its undamped modes, from a small space that grows until they are converged.
-"""
+"""Complex modes of a viscously damped second-order system: all of them, or the lowest from a small space that grows until they converge."""
 
 import dataclasses
 import math

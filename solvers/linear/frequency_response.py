@@ -1,7 +1,4 @@
-"""Frequency response of any second-order system between named ports, from 0 Hz on.
-
-Frequencies at which a response is worth knowing: an even grid, finer around every resonance.
-"""
+"""Frequency response of any second-order system between named ports, and the frequencies at which it is worth knowing."""
 
 import dataclasses
 from collections.abc import Sequence

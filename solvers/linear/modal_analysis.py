@@ -1,7 +1,4 @@
-"""Undamped natural frequencies and mode shapes of any second-order system.
-
-The lowest natural modes of a system of a few hundred dofs, no others: what a pose of a sweep needs.
-"""
+"""Undamped natural frequencies and mode shapes of any second-order system: all of them, or the lowest of a few hundred dofs alone."""
 
 from dataclasses import dataclass, replace
 

@@ -1,8 +1,7 @@
-"""Frequency response as a sum over undamped modes that no damping couples, corrected statically.
+"""Frequency response by three methods: undamped modes corrected statically, poles, and a dense solve per frequency.
 
-Frequency response as a sum over the poles of a system whose damping couples its modes. Frequency response by one dense solve
-per frequency: slow, and right for any linear system. Poles of any linear second-order system: unsymmetric terms, dofs without
-mass and structural damping included.
+Undamped modes serve where no damping couples them, poles of any linear second-order system (unsymmetric terms, dofs without mass and
+structural damping included) elsewhere; one dense solve per frequency is slow, and right for any linear system.
 """
 
 from dataclasses import dataclass

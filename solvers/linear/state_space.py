@@ -1,7 +1,6 @@
 """First-order form of a second-order system with named inputs and outputs: ``x' = A x + B u``, ``y = C x + D u``.
 
-State spaces for python-control, where it is installed. Smaller state spaces by balanced truncation, with the bound of their
-error.
+Also as state spaces of python-control, where it is installed, and smaller by balanced truncation, with the bound of its error.
 """
 
 import dataclasses

@@ -1,7 +1,4 @@
-"""Null space of a symmetric positive semidefinite matrix whose entries differ by many decades.
-
-The test a matrix must pass before a symmetric solver may see it.
-"""
+"""Symmetric positive semidefinite matrices whose entries differ by many decades: the test a solver needs, and their null space."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,7 @@
-"""Mass, inertial and gravity forces of the bodies of a mechanism in all its coordinates (Newton and Euler, projected).
+"""A closed-loop mechanism of rigid bodies with lumped compliances: its mass, inertial and gravity forces in all coordinates.
 
 ``M = sum m Jp^T Jp + Jw^T I Jw`` and ``h = sum m Jp^T a + Jw^T (I alpha + omega x I omega)`` with bias accelerations ``a``, ``alpha``
 at zero joint accelerations: no matrix of Coriolis terms is needed (Kane 1961).
-
-A closed-loop mechanism with rigid bodies, lumped compliances and gravity, as data.
 """
 
 from dataclasses import dataclass, field

@@ -3,8 +3,7 @@
 ``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h = f_z cos(theta)`` plus runout
 (Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns clockwise seen from above; ``theta`` is counted counter-clockwise
 from the direction of travel, so it falls. The part lies on the right of the travel: climb milling.
-
-Cutting coefficients of work materials, with their source; linear chip and edge model of :mod:`headstock.solvers.milling.forces`.
+Coefficients of work materials are tabled with their source.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Deviation from a path while its axes accelerate, in a pose that stays: exact, and split into what follows and what rings.
-
-What a sampled deviation says: low-pass as in a measurement, and figures of each acceleration zone.
-"""
+"""Deviation from a path while its axes accelerate, in a constant pose, exact; its low-pass, and its figures in each acceleration zone."""
 
 import dataclasses
 from collections.abc import Sequence
