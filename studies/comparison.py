@@ -1,7 +1,4 @@
-"""Variants of a machine side by side: which modes are the same, what each variant misses or adds, and how far apart they are.
-
-What a comparison of variants reads like as ``compare.json``.
-"""
+"""Variants of a machine side by side, as ``compare.json`` has them: which modes are the same, and how far apart they are."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,4 @@
-"""What each effect does to a scene: the scene is run with the effect switched the other way, and its answers and time are compared.
-
-The answers of a run by kind, and how far apart those of two runs are.
-"""
+"""What each effect of a scene moves and costs: answers and time of a run with it and of one without it, compared by kind."""
 
 import dataclasses
 import tempfile

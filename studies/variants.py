@@ -1,7 +1,4 @@
-"""One variant of a scene from its file to its modes and compliances, with the time each step took.
-
-Which variants of a scene to hold side by side, each loaded and checked before anything is computed.
-"""
+"""Variants of a scene: which to hold side by side, and each from its file to its modes and compliances, with the time of each step."""
 
 import dataclasses
 import importlib

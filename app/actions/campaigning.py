@@ -35,6 +35,12 @@ PROGRESS_SECONDS = 20.0
 def run_campaign(name: str, trials: int | None, seed: int, json_file: Path | None) -> int:
     """Run one campaign and print how its trials ended.
 
+    Args:
+        name: Which kind of faults.
+        trials: How many; as many as its kind has by default where it is None.
+        seed: Of everything random.
+        json_file: Where what is printed goes too.
+
     Raises:
         click.UsageError: There is no such campaign.
     """

@@ -1,7 +1,4 @@
-"""``headstock check``: what is wrong with a scene, and nothing else.
-
-A plan as plain rows.
-"""
+"""``headstock check`` and the rows of ``headstock plan``: what is wrong with a scene, and what it calls for; nothing is computed."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -19,6 +16,12 @@ from headstock.scene.reading.findings import SceneError
 
 def check_scene(path: Path, variant: str | None, overrides: Sequence[str], json_file: Path | None) -> int:
     """Load a scene and say what it holds.
+
+    Args:
+        path: Scene file.
+        variant: To apply.
+        overrides: ``KEY=VALUE`` of each ``--set``.
+        json_file: Where problems and warnings go too.
 
     Raises:
         SceneError: It has problems; they are in the JSON file too.

@@ -54,6 +54,11 @@ class CompareRequest:
 def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
     """Solve every variant on all ranks, print them side by side and write the files, with where they come from.
 
+    Args:
+        request: Of the command line.
+        comm: Of all ranks.
+        origin: Where the results come from.
+
     Raises:
         SceneError: A variant has problems.
         click.UsageError: An option does not fit.

@@ -1,6 +1,6 @@
-"""What the environment has to offer, each question asked in a child process so that a broken library breaks only its own line.
+"""``headstock doctor``: is everything there that Headstock needs, and if not, what to do.
 
-Is everything there that Headstock needs, and if not, what to do.
+Each question is asked in a child process, so that a broken library breaks only its own line.
 """
 
 import importlib.metadata

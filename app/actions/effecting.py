@@ -1,7 +1,4 @@
-"""``headstock effects``: what each effect of a scene moves and costs, as a table and sentences.
-
-``headstock effects``: a scene run with each effect switched the other way.
-"""
+"""``headstock effects``: a scene run with each effect switched the other way; what each moves and costs, as a table and sentences."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

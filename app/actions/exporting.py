@@ -47,6 +47,12 @@ def export_component(request: ExportRequest, comm: MPI.Comm) -> int:
 def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: MPI.Comm) -> int:
     """Write the state space of the machine and say so.
 
+    Args:
+        request: Of the command line.
+        up_to: Frequency with its unit up to which modes are kept, such as ``500 Hz``.
+        pose: Name of a pose; the first without it.
+        comm: Of all ranks.
+
     Raises:
         click.UsageError: The frequency is none.
         SceneError: The scene has problems.

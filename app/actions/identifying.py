@@ -1,7 +1,4 @@
-"""What the terminal shows of an identification: starts as they end, parameters with intervals, targets, and what is not seen.
-
-``headstock identify``: fit numbers of a scene to what was measured, and say what is known of them.
-"""
+"""``headstock identify``: numbers of a scene fitted to what was measured, what is known of them, and what the data do not see."""
 
 import dataclasses
 import math

@@ -47,6 +47,11 @@ class RunRequest:
 def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
     """Run a scene on all ranks and print what came out; where it comes from is written with it.
 
+    Args:
+        request: Of the command line.
+        comm: Of all ranks.
+        origin: Where the results come from.
+
     Raises:
         SceneError: The scene has problems.
         click.UsageError: An option does not fit.

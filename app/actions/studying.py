@@ -59,6 +59,11 @@ class StudyRequest:
 def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
     """Run a study on all ranks, print its table and write its files, with where it comes from.
 
+    Args:
+        request: Of the command line.
+        comm: Of all ranks.
+        origin: Where the results come from.
+
     Raises:
         SceneError: The scene or a varied value has problems.
         click.UsageError: The scene has no such study, or an option does not fit.

@@ -1,7 +1,4 @@
-"""``headstock sweep``: the analyses of a scene in every pose of a sweep.
-
-One task of an array job: its share of a sweep's poses, into journals; the files of the sweep are made when all are collected.
-"""
+"""``headstock sweep``: the analyses of a scene in every pose of a sweep, or the share of one task of an array job."""
 
 import contextlib
 import dataclasses
@@ -56,6 +53,11 @@ def parse_part(text: str) -> Part:
 def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     """Compute the poses of one part that are in no journal yet.
 
+    Args:
+        job: The sweep, with the part to compute.
+        key: Of the sweep that was submitted; None where nobody submitted it.
+        comm: Of all ranks.
+
     Raises:
         SlurmError: What is computed here is not what was submitted.
         HeadstockError: A component cannot be reduced, or a journal cannot be written.
@@ -95,6 +97,11 @@ class SweepRequest:
 
 def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
     """Run a sweep on all ranks, print what it found and write its files, and beside them where they come from.
+
+    Args:
+        request: Of the command line.
+        comm: Of all ranks.
+        origin: Where the results come from.
 
     Raises:
         SceneError: The scene or a pose of the sweep has problems.

@@ -1,7 +1,4 @@
-"""``headstock validate``: the table of numbers held against their references.
-
-The table of ``headstock validate``: one section per case, notes below the numbers they belong to.
-"""
+"""``headstock validate``: numbers held against their references, one section per case, notes below the numbers they belong to."""
 
 import contextlib
 import importlib
@@ -79,6 +76,13 @@ def validate_cases(
     names: Sequence[str], json_file: Path | None, ranks: int | None, comm: MPI.Comm, output: Path | None = None
 ) -> int:
     """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row falls short.
+
+    Args:
+        names: Cases or groups; all where it is empty.
+        json_file: Where the rows go too.
+        ranks: How many ranks were asked for.
+        comm: Of all ranks.
+        output: Folder for figures of cases.
 
     Raises:
         click.UsageError: A name is unknown.

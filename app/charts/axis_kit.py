@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, FAINT, INK, calm_axes, read_pixels
+from headstock.app.charts.charts import INK, calm_axes, new_figure, read_pixels
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
@@ -23,7 +22,7 @@ def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]
     found = {row.quantity: row for row in rows if row.case == CASE}
     if compliance_name(VARIANTS[0], FIDELITIES[0], "z") not in found:
         return {}
-    figure = Figure(figsize=(11.0, 4.6), dpi=DPI, layout="constrained")
+    figure = new_figure(11.0, 4.6)
     panels = figure.subplots(1, len(FIDELITIES), sharey=True)
     for axes, fidelity in zip(panels, FIDELITIES, strict=True):
         _draw_panel(axes, found, fidelity)
@@ -45,6 +44,4 @@ def _draw_panel(axes: Axes, found: Mapping[str, ValidationRow], fidelity: str) -
     axes.set_xticks(range(len(VARIANTS)), VARIANTS)
     axes.set_title(TITLES[fidelity], fontsize=10, color=INK, loc="left")
     axes.margins(y=0.12)
-    calm_axes(axes)
-    axes.grid(visible=False, axis="x")
-    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    calm_axes(axes, grid="y")

@@ -1,8 +1,8 @@
-"""Charts as images: compliance budgets and natural frequencies, by matplotlib."""
+"""Compliance budgets and natural frequencies as images, and what all charts share: figures, axes, legends, pixels."""
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -40,7 +40,7 @@ def draw_charts(summary: Json, colors: dict[str, str]) -> dict[str, NDArray[np.u
 
 
 def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) -> NDArray[np.uint8]:
-    figure = Figure(figsize=(10.0, 3.2), dpi=DPI, layout="constrained")
+    figure = new_figure(10.0, 3.2)
     for number, (direction, shares) in enumerate(budget.items()):
         axes = figure.add_subplot(1, len(budget), number + 1)
         rows = sort_shares(shares)[:BARS_SHOWN][::-1]
@@ -53,7 +53,7 @@ def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) ->
 
 
 def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
-    figure = Figure(figsize=(10.0, 0.9 + 0.55 * len(modal)), dpi=DPI, layout="constrained")
+    figure = new_figure(10.0, 0.9 + 0.55 * len(modal))
     axes = figure.add_subplot()
     for row, modes in enumerate(modal):
         elastic = modes["frequencies_hz"][modes["rigid_count"] :]
@@ -66,8 +66,19 @@ def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
     return read_pixels(figure)
 
 
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of this size [inch], whose panels make space for what is written around them."""
+    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+
+
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and a figure as much higher."""
+    """A legend below the panels, whole: as many columns as fit, long labels over several lines, and a figure as much higher.
+
+    Args:
+        figure: With its panels.
+        handles: What the labels stand beside.
+        labels: As long as they are.
+    """
     if not labels:
         return
     wide, high = figure.get_size_inches()
@@ -84,13 +95,13 @@ def line_style(number: int, colors: Sequence[str]) -> dict[str, Any]:
     return {"color": colors[number % len(colors)], "linestyle": DASHES[(number // len(colors)) % len(DASHES)]}
 
 
-def calm_axes(axes: Axes) -> None:
-    """Leave only what is read: no frame, a faint grid."""
+def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
+    """Leave only what is read: no frame, a faint grid across an axis."""
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     axes.spines["bottom"].set_color(FAINT)
     axes.tick_params(labelsize=8, colors=INK, length=0)
-    axes.grid(axis="x", color=FAINT, linewidth=0.5)
+    axes.grid(axis=grid, color=FAINT, linewidth=0.5)
     axes.set_axisbelow(True)
 
 

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, read_pixels
+from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, new_figure, read_pixels
 from headstock.app.texts.comparison import alike_rigid_modes, list_points
 from headstock.app.texts.error_texts import show_digits
 from headstock.geometry.frames import DIRECTIONS
@@ -39,7 +38,7 @@ def _draw_levels(summary: Json) -> NDArray[np.uint8]:
     alike = alike_rigid_modes(summary)
     rows = [row for row in summary["modes"] if row not in alike]
     height = max(6.0, LABEL_INCHES * (len(rows) + 4) + 1.0)
-    figure = Figure(figsize=(4.4 + 1.25 * len(names), height), dpi=DPI, layout="constrained")
+    figure = new_figure(4.4 + 1.25 * len(names), height)
     axes = figure.add_subplot()
     for row in alike:
         for x, name in enumerate(names):
@@ -55,9 +54,7 @@ def _draw_levels(summary: Json) -> NDArray[np.uint8]:
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(0.0, (1.0 + 1.5 * LABEL_INCHES / height) * axes.get_ylim()[1])
     axes.set_ylabel("natural frequency [Hz]", fontsize=9, color=INK)
-    calm_axes(axes)
-    axes.grid(axis="y", color=FAINT, linewidth=0.5)
-    axes.grid(visible=False, axis="x")
+    calm_axes(axes, grid="y")
     gap = LABEL_INCHES / (height - 1.0) * axes.get_ylim()[1]
     for x, name in enumerate(names):
         cells = [(row["variants"][name], COLORS[number % len(COLORS)]) for number, row in enumerate(rows)]
@@ -118,7 +115,7 @@ def _name_levels(axes: Axes, ends: list[tuple[tuple[int, float], str, str]], rig
 def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
     variants = summary["variants"]
     width = max(6.0, 1.6 + 0.34 * 3 * len(variants))
-    figure = Figure(figsize=(width, 2.9 * len(points) + 0.4), dpi=DPI, layout="constrained")
+    figure = new_figure(width, 2.9 * len(points) + 0.4)
     for number, point in enumerate(points):
         axes = figure.add_subplot(len(points), 1, number + 1)
         known = [name for name in variants if point in variants[name]["static"]]
@@ -134,9 +131,8 @@ def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
             axes.bar_label(bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0)
         axes.set_xticks(range(3), [f"d{d}/F{d}" for d in DIRECTIONS])
         axes.set_title(f"compliance at {point} [µm/kN]", fontsize=9, color=INK, loc="left")
-        calm_axes(axes)
-        axes.grid(axis="y", color=FAINT, linewidth=0.5)
-        axes.grid(visible=False, axis="x")
+        calm_axes(axes, grid="y")
         axes.margins(y=0.15)
-    add_legend(figure, *figure.axes[0].get_legend_handles_labels())
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    add_legend(figure, handles, labels)
     return read_pixels(figure)

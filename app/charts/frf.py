@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, read_pixels
+from headstock.app.charts.charts import FAINT, INK, add_legend, new_figure, read_pixels
 from headstock.app.texts.tables import (
     MOST_FIELDS,
     broken_phase,
@@ -38,7 +37,7 @@ def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, NDArray[np.
 def _draw_grid(responses: Sequence[ResponseCurves]) -> NDArray[np.uint8]:
     curves = responses[0]
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
-    figure = Figure(figsize=(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs)), dpi=DPI, layout="constrained")
+    figure = new_figure(1.5 + 3.4 * len(inputs), 0.8 + 2.7 * len(outputs))
     grid = figure.add_gridspec(2 * len(outputs), len(inputs), height_ratios=[3.0, 1.0] * len(outputs))
     values = [each.values for each in responses]
     for row, output in enumerate(outputs):

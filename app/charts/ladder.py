@@ -6,12 +6,11 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, FAINT, INK, calm_axes, read_pixels
+from headstock.app.charts.charts import INK, calm_axes, new_figure, read_pixels
 from headstock.validation.ladder.points import KINDS, LadderKind, LadderPoint, Rungs, deviations, pick_rungs, worst_by_ndof
 from headstock.validation.ladder.references import Group, LadderBeam
 
@@ -70,7 +69,7 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np
     names = [name for name, reference in beam.references.items() if reference.group == group and "back face" not in name]
     width = min(2, len(panels))
     height = -(-len(panels) // width)
-    figure = Figure(figsize=(5.4 * width + 1.0, 3.1 * height + 1.2), dpi=DPI, layout="constrained")
+    figure = new_figure(5.4 * width + 1.0, 3.1 * height + 1.2)
     what = "static displacements" if group == "static" else "natural frequencies"
     figure.suptitle(f"Figure {number} of Kono et al.: {what} of the {beam.title}", fontsize=11, color=INK, x=0.01, ha="left")
     largest = max(abs(d.value) for rungs in panels for d in deviations(rungs, names)) * 100.0
@@ -119,9 +118,7 @@ def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> N
 
 def _shape_axes(axes: Axes, largest: float) -> None:
     axes.set_xscale("log")
-    axes.grid(axis="both", which="major", color=FAINT, linewidth=0.5)
-    calm_axes(axes)
-    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    calm_axes(axes, grid="both")
     axes.tick_params(which="minor", length=0)
     _label_decades(axes)
     if largest > FAR:
@@ -154,7 +151,7 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
     """Largest deviation from converged 3D elasticity over time, all models together."""
     both: tuple[Group, ...] = ("static", "modal")
     groups = [group for group in both if any(point.group == group for point in points)]
-    figure = Figure(figsize=(5.2 * len(groups) + 0.8, 4.4), dpi=DPI, layout="constrained")
+    figure = new_figure(5.2 * len(groups) + 0.8, 4.4)
     figure.suptitle(f"Accuracy against effort: {beam.title}", fontsize=11, color=INK, x=0.01, ha="left")
     for number, group in enumerate(groups):
         axes = figure.add_subplot(1, len(groups), number + 1)
@@ -168,8 +165,7 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
         axes.set_title("static displacements" if group == "static" else "natural frequencies", fontsize=9, color=INK, loc="left")
         axes.set_xscale("log")
         axes.set_yscale("log")
-        calm_axes(axes)
-        axes.grid(axis="y", color=FAINT, linewidth=0.5)
+        calm_axes(axes, grid="both")
         axes.tick_params(which="minor", length=0)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         _label_decades(axes)

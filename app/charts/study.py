@@ -1,7 +1,4 @@
-"""A study as small charts: one per watched number, a line per family and per value of the other varied keys.
-
-Error against processor time, memory and degrees of freedom, with the front of what is worth its cost.
-"""
+"""A study as figures: a small chart per watched number, and error against cost with the front of what is worth its cost."""
 
 import math
 import re
@@ -11,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, FAINT, INK, add_legend, calm_axes, line_style, read_pixels
+from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, line_style, new_figure, read_pixels
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
 from headstock.scene.studies import shorten_key, show_value
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost
@@ -85,7 +81,7 @@ def draw_study(table: StudyTable) -> NDArray[np.uint8] | None:
         return None
     width = min(PANEL_COLUMNS, len(columns))
     height = -(-len(columns) // width)
-    figure = Figure(figsize=(3.6 * width + 0.6, 2.5 * height + 0.7), dpi=DPI, layout="constrained")
+    figure = new_figure(3.6 * width + 0.6, 2.5 * height + 0.7)
     short = shorten_columns(columns)
     lines = _lines(table, axis.key)
     for number, column in enumerate(columns):
@@ -168,8 +164,7 @@ def _draw_panel(axes: Axes, table: StudyTable, lines: dict[str, Sequence[StudyRo
     for series in table.series:
         if series.column == column and series.extrapolation.limit is not None and len(lines) == 1:
             axes.axhline(series.extrapolation.limit, color=FAINT, linestyle="--", linewidth=1.0)
-    calm_axes(axes)
-    axes.grid(axis="y", color=FAINT, linewidth=0.5)
+    calm_axes(axes, grid="both")
     axes.ticklabel_format(axis="y", useOffset=False)
     if axis.logarithmic:
         axes.set_xscale("log")
@@ -218,7 +213,7 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> NDArray[n
     shown = [point for point in points if math.isfinite(point.error)]
     if not shown:
         return None
-    figure = Figure(figsize=(12.0, 5.0), dpi=DPI, layout="constrained")
+    figure = new_figure(12.0, 5.0)
     panels = figure.subplots(1, len(TITLES), sharey=True)
     for axes, (cost, title) in zip(panels, TITLES.items(), strict=True):
         _draw_cost_panel(axes, shown, cost, labels)
@@ -231,10 +226,9 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> NDArray[n
 
 
 def _draw_cost_panel(axes: Axes, points: Sequence[CostPoint], cost: str, labels: dict[str, str]) -> None:
-    calm_axes(axes)
+    calm_axes(axes, grid="both")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.grid(axis="y", color=FAINT, linewidth=0.5)
     families = list(dict.fromkeys(point.row.record.family for point in points if not point.automatic))
     points = [point for point in points if cost != "memory" or point.memory_known]
     front = pareto_front([point for point in points if point.competes], cost)

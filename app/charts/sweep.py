@@ -1,10 +1,9 @@
 """Maps and curves of a sweep as images, by matplotlib."""
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from headstock.app.charts.charts import DPI, INK, calm_axes, line_style, read_pixels
+from headstock.app.charts.charts import INK, calm_axes, line_style, new_figure, read_pixels
 from headstock.app.texts.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
@@ -37,7 +36,13 @@ def draw_sweep(summary: Json) -> dict[str, NDArray[np.uint8]]:
 
 
 def middle_plane(summary: Json, values: FloatArray, axes: list[int]) -> FloatArray:
-    """Values ``(n0, n1)`` over two axes of a grid, the others in their middle."""
+    """Values ``(n0, n1)`` over two axes of a grid, the others in their middle.
+
+    Args:
+        summary: Of a sweep over a grid.
+        values: Over its poses ``(n,)``.
+        axes: Two numbers of axes.
+    """
     table = values.reshape(summary["shape"])
     place = tuple(slice(None) if axis in axes else count // 2 for axis, count in enumerate(summary["shape"]))
     return np.asarray(table[place])
@@ -45,7 +50,7 @@ def middle_plane(summary: Json, values: FloatArray, axes: list[int]) -> FloatArr
 
 def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> NDArray[np.uint8]:
     rows = -(-len(quantities) // PER_ROW)
-    figure = Figure(figsize=(12.0, 0.4 + 3.5 * rows), dpi=DPI, layout="constrained")
+    figure = new_figure(12.0, 0.4 + 3.5 * rows)
     positions = np.array(summary["positions"], dtype=float)
     spans = []
     for axis in axes:
@@ -67,7 +72,7 @@ def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> ND
 def _draw_curves(summary: Json, quantities: list[Quantity]) -> NDArray[np.uint8]:
     places, label = way_of(summary)
     units = list(dict.fromkeys(quantity.unit for quantity in quantities))
-    figure = Figure(figsize=(10.0, 0.4 + 3.6 * len(units)), dpi=DPI, layout="constrained")
+    figure = new_figure(10.0, 0.4 + 3.6 * len(units))
     for number, unit in enumerate(units, start=1):
         frame = figure.add_subplot(len(units), 1, number)
         own = [quantity for quantity in quantities if quantity.unit == unit]

@@ -40,7 +40,13 @@ Names = Annotated[list[str] | None, typer.Option("--analysis", metavar="NAME", h
 
 
 def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
-    """The scene; raises SceneError with every problem."""
+    """The scene; raises SceneError with every problem.
+
+    Args:
+        scene: Scene file.
+        variant: To apply.
+        overrides: ``KEY=VALUE`` of each ``--set``.
+    """
     from headstock.scene.building.loader import load_scene
 
     return load_scene(scene, variant=variant, overrides=overrides or [])

@@ -29,7 +29,14 @@ GROWING = "#c0392b"
 
 
 def draw_budget(shares: Mapping[str, float], colors: Mapping[str, str], identity: str, longest: float) -> Markup:
-    """One bar per part, largest first; joints in grey, components in their colours; a share of ``longest`` fills the width."""
+    """One bar per part, largest first; joints in grey, components in their colours; a share of ``longest`` fills the width.
+
+    Args:
+        shares: Part to its share of the compliance, 0 to 1.
+        colors: Component to its colour.
+        identity: ``id`` in the page.
+        longest: Share whose bar is as wide as the picture.
+    """
     rows = [item for item in sort_shares(shares)[:BARS_SHOWN] if item[1] >= SHOWN_SHARE]
     parts = []
     for number, (name, share) in enumerate(rows):

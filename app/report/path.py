@@ -44,7 +44,13 @@ class _Panel:
 
 
 def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Markup:
-    """Everything of one output as one SVG: the path, then a row of three plots over time for each feed."""
+    """Everything of one output as one SVG: the path, then a row of three plots over time for each feed.
+
+    Args:
+        curves: One per feed.
+        output: Number of the output.
+        identity: ``id`` in the page.
+    """
     port = curves[0].outputs[output]
     parts = [_draw_line(curves, output)]
     top = TITLE + LINE_HEIGHT + GAP

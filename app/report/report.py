@@ -126,7 +126,13 @@ def render_report(
 
 
 def show_number(value: float | None, digits: int = 4, missing: str = "–") -> Markup:
-    """A number to so many significant digits, with its full value beside it for machines."""
+    """A number to so many significant digits, with its full value beside it for machines.
+
+    Args:
+        value: None where there is none.
+        digits: Significant ones.
+        missing: Shown without a value.
+    """
     if value is None:
         return Markup('<span class="missing">{}</span>').format(missing)
     return _data(value, format_number(value, digits))

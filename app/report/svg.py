@@ -47,7 +47,13 @@ def text(
 
 
 def heading(x: float, y: float, words: str) -> Markup:
-    """What a plot shows, above its left end."""
+    """What a plot shows, above its left end.
+
+    Args:
+        x: Of its start.
+        y: Of its foot.
+        words: What it says.
+    """
     return Markup('<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>').format(
         x, y, words
     )

@@ -50,7 +50,13 @@ def warn_of_unused_accuracy(scene: Scene) -> None:
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:
-    """A number of things in words."""
+    """A number of things in words.
+
+    Args:
+        number: How many.
+        noun: Of one.
+        plural: Of several; the noun with an s without it.
+    """
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
@@ -82,6 +88,11 @@ def print_table(console: Console, title: str, table: Table) -> None:
 
     Where it is wider than the console, headings and texts are broken between words; if that is not enough, the last columns of texts
     are left out, which is said, and then the table is printed wider than the console. A pipe has no edge: nothing is left out there.
+
+    Args:
+        console: Where to.
+        title: Above the table.
+        table: Of :func:`make_table`.
     """
     edge = console.width if console.is_terminal or "COLUMNS" in os.environ else None
     columns = list(table.columns)

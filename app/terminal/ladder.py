@@ -19,7 +19,14 @@ UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
 
 
 def print_ladder(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim], own: Sequence[Claim]) -> None:
-    """References, effort and claims of a ladder."""
+    """References, effort and claims of a ladder.
+
+    Args:
+        beam: Whose references they are.
+        points: Every model that was run.
+        claims: Of the paper.
+        own: That Headstock's own models show.
+    """
     console = make_console()
     print_table(console, f"References of the {beam.title}", _reference_table(beam))
     _print_reasons(console, beam)
@@ -31,7 +38,13 @@ def print_ladder(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequen
 
 
 def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Sequence[Claim]) -> list[PlainTable]:
-    """Every value of a ladder beside its three references, and the claims."""
+    """Every value of a ladder beside its three references, and the claims.
+
+    Args:
+        beam: Whose references they are.
+        points: Every model that was run.
+        claims: Of the paper and of Headstock's own.
+    """
     headings = (
         "model", "nDOF", "quantity", "unit", "value", "analytic", "deviation", "beam with shear", "deviation from it",
         "converged 3D", "deviation from that", "seconds", "cpu seconds", "MAC",

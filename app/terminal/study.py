@@ -1,7 +1,4 @@
-"""What a study shows: progress, its table, orders of convergence, and the same as CSV and JSON.
-
-What a study with a truth shows: error beside cost of every point, the best ones, and what the next digit costs.
-"""
+"""A study on the terminal, as CSV and as JSON: progress, its table, orders of convergence; with a truth, error beside cost."""
 
 import re
 from collections.abc import Sequence
@@ -145,7 +142,13 @@ def print_progress(progress: StudyProgress) -> None:
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
-    """The table of a study (of one with a truth: errors beside costs), its orders of convergence, and what was measured how."""
+    """The table of a study (of one with a truth: errors beside costs), its orders of convergence, and what was measured how.
+
+    Args:
+        table: Of the study.
+        seconds: That this run took [s].
+        folder: Where its files are.
+    """
     console = make_console()
     console.print()
     if table.columns and table.study.truth is None:

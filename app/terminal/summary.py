@@ -65,7 +65,14 @@ def print_plan(name: str, plan: Plan) -> None:
 
 
 def print_summary(summary: Json, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
-    """Everything a run found, but warnings that were said before."""
+    """Everything a run found, but warnings that were said before.
+
+    Args:
+        summary: Content of ``summary.json``.
+        seconds: That the run took [s].
+        folder: Where its files are.
+        said: Warnings that were printed before.
+    """
     console = make_console()
     console.print()
     print_table(console, "Components", _component_table(summary["components"]))

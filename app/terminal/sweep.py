@@ -31,7 +31,15 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
 
 
 def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
-    """Ranges of every quantity and where they lie."""
+    """Ranges of every quantity and where they lie.
+
+    Args:
+        summary: Content of ``sweep.json``.
+        results: The same as arrays.
+        computed: How many poses this call computed.
+        seconds: That it took [s].
+        folder: Where its files are.
+    """
     console = make_console()
     console.print()
     if results.frequencies_hz.shape[1]:

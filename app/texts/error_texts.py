@@ -109,9 +109,9 @@ def show_damping_error(ratio: float | None, error: float | None, *, rigid: bool)
         return "-", ""
     if error == 0.0:  # as the scene gives it
         return show_damping(ratio), "± 0"
-    percents = 100.0 * ratio, None if error is None else 100.0 * error
-    known = "" if rigid else show_bound(*percents)
-    shown = show_bounded(*percents) if known and error is not None else show_digits(percents[0], 3)
+    percent, off = 100.0 * ratio, None if error is None else 100.0 * error
+    known = "" if rigid else show_bound(percent, off)
+    shown = show_bounded(percent, off) if known and off is not None else show_digits(percent, 3)
     return f"{shown} %", f"{known} %" if known and known != NO_BOUND else known
 
 

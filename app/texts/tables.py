@@ -258,7 +258,13 @@ def _probe_table(pose: str, probes: Json) -> PlainTable:
 
 
 def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
-    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as everywhere but in files in SI."""
+    """Unit in which an entry is shown, and the factor from SI to it; compliances in µm/kN, as everywhere but in files in SI.
+
+    Args:
+        motion: Which member of the family of frequency responses.
+        output: Point and direction of the motion.
+        given: Point and direction of the load.
+    """
     turns, moment = output[1].startswith("r"), given[1].startswith("r")
     if motion == "receptance" and not turns and not moment:
         return "µm/kN", 1e9
@@ -359,7 +365,13 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
 
 
 def thin_curve(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest point of each of so many stretches, in order: what a plot of that width shows of a curve."""
+    """Lowest and highest point of each of so many stretches, in order: what a plot of that width shows of a curve.
+
+    Args:
+        x: From left to right ``(n,)``.
+        y: Over it ``(n,)``.
+        bins: Stretches, about one per pixel.
+    """
     if len(x) <= 2 * bins:
         return x, y
     edges = np.linspace(0, len(x), bins + 1).astype(int)

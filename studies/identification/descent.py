@@ -1,7 +1,5 @@
 """Bounded least squares from several starts, with exact derivatives; each start tries other pairings of modes before it ends.
 
-Other pairings of targets and modes that may lead a fit out of a wrong minimum, found on its linearised model.
-
 Where two modes change places, the k-th frequency has a kink: following it, a fit ends with one mode pressed against another. In
 a model that is linear in the coordinates every mode keeps its identity and lines may cross; searching that model from many places
 costs next to nothing. What looks better there is tried on the machine itself.

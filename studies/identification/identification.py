@@ -1,7 +1,4 @@
-"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals.
-
-Whether a scene can be built with every parameter at its start and at either of its bounds.
-"""
+"""Fitting parameters of a scene to what was measured: from a checked target file to values with intervals."""
 
 import dataclasses
 from collections.abc import Callable
@@ -162,6 +159,11 @@ class Identification:
 
 def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProblem:
     """Reduce every component once and tie the scenes to the parameters.
+
+    Args:
+        loaded: A checked target file with its scenes.
+        store: Of superelements.
+        comm: Of one process.
 
     Raises:
         SceneError: The scene cannot be built with the starts or at a bound.

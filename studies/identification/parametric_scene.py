@@ -1,7 +1,4 @@
-"""Components and joints of a scene whose numbers follow parameters; each remembers what it has built.
-
-A variant of a scene whose numbers follow parameters: only the entries a parameter touches are built anew.
-"""
+"""A scene whose numbers follow parameters: only components and joints that a parameter touches are built anew."""
 
 import dataclasses
 from collections import OrderedDict

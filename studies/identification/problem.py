@@ -1,7 +1,4 @@
-"""Weighed differences between a model and its targets, and how they change with the parameters.
-
-A fit as a function of its coordinates: residuals of data and priors, and their exact derivatives.
-"""
+"""A fit as a function of its coordinates: weighed residuals of data and priors, and their exact derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""From the table of a case to targets in SI units, with every name checked against the scene.
-
-Reads a target file: what was measured, and which numbers of the scene may be fitted; or says everything that is wrong.
-"""
+"""Target files: what was measured and which numbers of the scene may be fitted, in SI units; or everything that is wrong."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

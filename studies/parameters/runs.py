@@ -1,7 +1,4 @@
-"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``.
-
-Errors that say something of the machine at hand and nothing of what was asked: a disk that is full or failing, no compiler.
-"""
+"""Running the points of a study one after the other, each once, through the same runner as ``headstock run``."""
 
 import contextlib
 import errno
@@ -169,6 +166,11 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     """SHA-256 of everything a point's results depend on: the scene, its files, the settings, and this program.
 
     What is watched is not part of it: a record holds the whole summary.
+
+    Args:
+        job: The study.
+        point: One of its points.
+        ranks: MPI ranks: they are part of what seconds mean.
     """
     content = {
         "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},

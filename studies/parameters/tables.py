@@ -1,7 +1,4 @@
-"""A study's records as a table: one row per point, one column per varied key and per watched value; and orders of convergence.
-
-What three meshes say about a fourth, infinitely fine one: observed order and Richardson's extrapolation.
-"""
+"""A study's records as a table, one row per point; and what three meshes say about an infinitely fine one: order and limit."""
 
 import re
 import statistics

@@ -2,9 +2,8 @@
 
 Every process writes a journal of its own and reads those of all. A record is its length, its CRC-32 and its bytes, written at once:
 a process that dies meanwhile leaves a record that ends too early, which readers leave out and the next writer cuts off. A killed
-process loses no finished pose; a power cut loses those of the last second.
-
-What a sweep finds in one pose, and its form in a journal: a line of JSON about arrays, then the arrays; no pickle.
+process loses no finished pose; a power cut loses those of the last second. The bytes are a line of JSON about arrays, then the
+arrays; no pickle.
 """
 
 import contextlib

@@ -1,7 +1,4 @@
-"""Results of a sweep as arrays over its poses.
-
-Names of the modes that a sweep followed, and what is known of errors: in the pose nearest to the middle that has the mode.
-"""
+"""Results of a sweep as arrays over its poses, with the names of its tracked modes and the errors in the pose nearest to the middle."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

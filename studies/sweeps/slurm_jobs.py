@@ -1,7 +1,4 @@
-"""A sweep as an array job of Slurm: its script, what is on record of it, and which task lacks which poses.
-
-Waiting for an array job, and what became of its tasks.
-"""
+"""A sweep as an array job of Slurm: its script, what is on record of it, waiting for it, and which task lacks which poses."""
 
 import json
 import shlex
@@ -167,7 +164,13 @@ def task_of(number: int, tasks: int) -> int:
 
 
 def list_missing(sweep: Sweep, done: Collection[bytes], tasks: int) -> dict[int, list[int]]:
-    """Numbers of the poses that are not done, by array task; tasks that have done theirs are left out."""
+    """Numbers of the poses that are not done, by array task; tasks that have done theirs are left out.
+
+    Args:
+        sweep: Of the scene.
+        done: Positions of finished poses, as bytes.
+        tasks: How many share the poses.
+    """
     missing: dict[int, list[int]] = {}
     for number, positions in enumerate(sweep.positions):
         if positions.tobytes() not in done:
@@ -195,7 +198,13 @@ def read_submission(folder: Path, key: str) -> Submission | None:
 
 
 def log_file(folder: Path, job: str, task: int) -> Path:
-    """Where a task writes what it prints."""
+    """Where a task writes what it prints.
+
+    Args:
+        folder: Of the sweep's results.
+        job: Number of the array job.
+        task: Number of the task, from 1.
+    """
     return folder / FOLDER / f"{job}_{task}.log"
 
 
