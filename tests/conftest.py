@@ -1,12 +1,18 @@
-"""Small structured meshes with tagged patches that tests of the elastic side share."""
+"""What kind each test is (markers), and small structured meshes with tagged patches that tests of the elastic side share."""
 
 import dataclasses
-from collections.abc import Callable
+import faulthandler
+import functools
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.linalg
+from _pytest.faulthandler import fault_handler_stderr_fd_key, get_timeout_config_value
 from _pytest.python_api import ApproxScalar
 from mpi4py import MPI
 
@@ -15,7 +21,6 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.elements.surface import extract_surface
-from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, straight_lattice
 
 # pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and moments of mass are all alike;
@@ -23,6 +28,102 @@ from headstock.validation.parts.structured_meshes import integrate_over_cells, l
 ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+
+ROOT = Path(__file__).resolve().parent.parent
+ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
+IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
+DOCUMENTS = {"test_documents.py", "test_mechanism_document.py"}
+SLOW_KINDS = ("fem", "process", "mpi", "faults", "slow", "documents")  # what `./headstock test --quick` leaves out
+
+
+def imported_by(path: Path) -> set[str]:
+    """Modules that the import statements of a file name, and the names it takes from them: any of these may be a module."""
+    found = set()
+    for module, names, plain in IMPORT.findall(path.read_text()):
+        found |= {module or plain, *(f"{module}.{name}" for name in re.findall(r"\w+", names))}
+    return found
+
+
+@functools.cache
+def uses_elements(path: Path) -> bool:
+    """Whether finite elements are imported along with a file."""
+    names = imported_by(path)
+    files = [ROOT.joinpath(*name.split(".")[1:]).with_suffix(".py") for name in names if name.startswith("headstock.")]
+    return any(name.split(".")[0] in ELASTIC for name in names) or any(uses_elements(file) for file in files if file.is_file())
+
+
+@functools.cache
+def kinds_of(path: Path) -> frozenset[str]:
+    """Markers of all tests of a file, from what it imports and where it lies; others are written in the file (``pytestmark``)."""
+    imports = {name.split(".")[0] for name in imported_by(path)}
+    signs = {
+        "fem": uses_elements(path),
+        "process": bool(imports & {"subprocess", "multiprocessing"}),
+        "mpi": "mpirun" in path.read_text(),
+        "faults": path.is_relative_to(ROOT / "tests" / "faults"),
+        "documents": path.name in DOCUMENTS,
+    }
+    return frozenset(kind for kind, sign in signs.items() if sign)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--quick", action="store_true", help=f"a minute: no tests of the kinds {', '.join(SLOW_KINDS)}")
+    parser.addoption(
+        "--none-skipped", action="store_true", help="a skipped test fails the run: all that tests need has to be there"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--quick"):
+        config.option.markexpr = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
+        sys.addaudithook(refuse_slow_kinds)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    # not even imported: finite elements take seconds to load
+    quick = config.getoption("--quick") and collection_path.name.startswith("test_")
+    return True if quick and kinds_of(collection_path) else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        kinds = kinds_of(item.path) | ({"fem"} if "dense" in getattr(item, "fixturenames", ()) else set())
+        for kind in sorted(kinds):
+            item.add_marker(kind)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if session.config.getoption("--none-skipped") and reporter is not None and reporter.stats.get("skipped"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
+    """Audit hook of a quick run: a test that does what its markers do not say fails."""
+    if not inside_a_test:
+        return
+    if event in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
+        raise RuntimeError(f"this test starts a process: pytestmark = pytest.mark.process is missing ({details[0]})")
+    if event == "import" and details[0] in ELASTIC:
+        raise RuntimeError(f"this test imports {details[0]}: pytestmark = pytest.mark.fem is missing")
+
+
+inside_a_test: list[str] = []
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    # pytest itself prints where a test hangs and lets it hang; this process ends, and xdist starts another for the tests left
+    if (limit := get_timeout_config_value(item.config)) > 0.0:
+        faulthandler.dump_traceback_later(limit, exit=True, file=item.config.stash[fault_handler_stderr_fd_key])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    inside_a_test.append(item.nodeid)
+    try:
+        return (yield)
+    finally:
+        inside_a_test.clear()
 
 
 def tag_patches(mesh: ComponentMesh, groups: dict) -> ComponentMesh:
@@ -77,6 +178,9 @@ def tag():
 
 def dense_pencil(mesh: ComponentMesh, material: Material):
     """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for roads that share no solver with the code under test."""
+    # here, so that tests without finite elements start without dolfinx
+    from headstock.solvers.elastic.elasticity import assemble_elasticity
+
     operators = assemble_elasticity(mesh, material, comm=MPI.COMM_SELF, with_mass=True)
     order = np.argsort(operators.nodes)
     dofs = (3 * order[:, None] + np.arange(3)).ravel()

@@ -49,11 +49,10 @@ def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path
         assert done.returncode == 0, f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 
-@pytest.mark.parametrize("document", DOCUMENTS)
-def test_every_scene_of_a_document_loads(document: str, tmp_path: Path) -> None:
-    for text in blocks(document, "toml"):
-        if not text.startswith("name ="):
-            continue
+def test_every_scene_of_the_readme_loads(tmp_path: Path) -> None:
+    scenes = [text for text in blocks("README.md", "toml") if text.startswith("name =")]
+    assert scenes
+    for text in scenes:
         (tmp_path / "scene.toml").write_text(text)
         assert load_scene(tmp_path / "scene.toml").machine.components
 
@@ -71,7 +70,8 @@ def test_every_key_of_scenes_and_target_files_has_a_note_and_every_note_a_key() 
 
 
 @pytest.mark.parametrize(
-    "document", ["README.md", "CHANGELOG.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+    "document",
+    ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))],
 )
 def test_links_of_a_document_lead_to_files(document: str) -> None:
     path = ROOT / document
@@ -84,3 +84,10 @@ def test_the_table_of_hard_cases_names_every_case_and_every_file() -> None:
     table = (ROOT / "docs" / "hard_cases.md").read_text()
     assert [number for number in range(1, 53) if f"\n## H{number:02d}" not in table] == []
     assert [path.name for path in sorted((ROOT / "tests" / "hard_cases").glob("test_h*.py")) if path.name not in table] == []
+
+
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
+def test_files_that_a_document_names_exist(document: str) -> None:
+    named = set(re.findall(r"`((?:\w+/)+[a-z]\w*\.(?:py|toml|md))`", (ROOT / document).read_text()))
+    assert named
+    assert {path for path in named if "NAME" not in path and not (ROOT / path).is_file()} == set()

@@ -53,7 +53,6 @@ class DrivenMotion:
     Attributes:
         times: ``(n,)`` [s].
         outputs: ``(n, n_outputs)`` of the closed loop.
-        slide_rates: ``(n, k)`` velocity in each guide that rubs [m/s].
         friction: ``(n, k)`` force against the motion there [N].
         energy: Where it went.
         evaluations: How often the rate of change was asked for.
@@ -61,7 +60,6 @@ class DrivenMotion:
 
     times: FloatArray
     outputs: FloatArray
-    slide_rates: FloatArray
     friction: FloatArray
     energy: EnergyBalance
     evaluations: int
@@ -156,7 +154,6 @@ def _collect(model: RubbingLoop, given: Given, times: FloatArray, full: FloatArr
     return DrivenMotion(
         times=times,
         outputs=states @ space.c.T + inputs @ space.d[:, : model.given].T - rubbed @ space.d[:, model.given :].T,
-        slide_rates=speeds,
         friction=rubbed,
         energy=EnergyBalance(model.stored_energy(states), *works.T),
         evaluations=asked,

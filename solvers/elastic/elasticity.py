@@ -43,7 +43,6 @@ class ElasticOperators:
         scalar_mass: ``(n_owned, n_local)`` mass per direction [kg], or None when nothing dynamic is asked for.
         column_map: Which node stands behind each column of the matrices, owned ones first (a dolfinx index map).
         total_nodes: Number of mesh points over all ranks.
-        element_order: Order of the displacement field.
         stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
         row_sizes: ``(3 n_owned,)`` sums of the absolute values in each row of the stiffness [N/m].
         translation_noise: ``(n_owned, 3, 3)`` sums of each row of stiffness blocks [N/m]. A uniform translation causes no force, so
@@ -57,7 +56,6 @@ class ElasticOperators:
     scalar_mass: scipy.sparse.csr_matrix | None
     column_map: Any
     total_nodes: int
-    element_order: int
     stiffness_scale: float
     row_sizes: FloatArray
     translation_noise: FloatArray
@@ -158,7 +156,6 @@ def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Co
         scalar_mass=mass,
         column_map=column_map,
         total_nodes=node_map.size_global,
-        element_order=order,
         stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
         row_sizes=sizes,
         translation_noise=noise,

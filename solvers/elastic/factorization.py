@@ -94,7 +94,6 @@ class Factorization:
     def __init__(self, operators: ElasticOperators, held: BoolArray) -> None:
         self._comm = operators.comm
         self._free, self._ordered = _elimination_order(operators, held)
-        self._owned = len(held)
         self.free_total = int(self._comm.allreduce(len(self._free)))
         self._factor: PETSc.Mat | None = None
         if self.free_total:

@@ -174,15 +174,6 @@ def gravity_energy(model: CompliantMechanism, placement: Placement) -> FloatArra
     return np.asarray(-(bodies.mass * (centers @ model.gravity)).sum(axis=-1))
 
 
-def body_kinetic_shares(model: CompliantMechanism, kinematics: Kinematics, rates: FloatArray) -> FloatArray:
-    """``(..., b)`` kinetic energy of each body [J]."""
-    bodies = body_arrays(model)
-    moving, turning = _body_jacobians(bodies, kinematics)
-    speed, spin = (moving @ rates[..., None, :, None])[..., 0], (turning @ rates[..., None, :, None])[..., 0]
-    rotary = np.einsum("...bi,bij,...bj->...b", spin, bodies.inertia, spin)
-    return np.asarray(0.5 * (bodies.mass * (speed**2).sum(axis=-1) + rotary))
-
-
 def _arms(bodies: BodyArrays, placement: Placement) -> FloatArray:
     return np.asarray((placement.rotations[..., bodies.mark, :, :] @ bodies.center[..., None])[..., 0])
 

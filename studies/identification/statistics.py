@@ -11,7 +11,6 @@ from headstock.geometry.frames import FloatArray
 CONFIDENCE = 0.95
 SEEN_SHARE = 0.5  # of the variance allowed beforehand that the data must take away
 NAMED_SHARE = 0.25  # smallest entry of a direction that is named
-CORRELATED = 0.9
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,6 @@ from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_
 # of no influence on what is found in a pose
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")
 SWEPT_ANALYSES = ("static", "modal", "frf")
-WAIT_TAG = 4712
 POLL_SECONDS = 0.005
 
 

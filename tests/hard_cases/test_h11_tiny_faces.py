@@ -14,6 +14,8 @@ from headstock.meshing.components.checks import patch_moments
 from headstock.meshing.components.meshing import estimate_cells, mesh_component
 from headstock.meshing.errors import MeshError
 
+pytestmark = pytest.mark.process
+
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 Write = Callable[[str], Path]
 REFUSED_WITHIN = 10.0

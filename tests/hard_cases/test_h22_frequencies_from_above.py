@@ -37,6 +37,7 @@ def test_every_reduced_frequency_lies_above_the_full_one(frequencies):
     ladder, full = frequencies
     for found in ladder:
         shared = min(len(found), len(full))
+        assert shared
         assert (found[:shared] >= full[:shared] * (1.0 - FLOOR)).all()
 
 
@@ -44,6 +45,7 @@ def test_frequencies_fall_with_every_mode_kept(frequencies):
     ladder, _ = frequencies
     for coarse, fine in pairwise(ladder):
         shared = min(len(coarse), len(fine))
+        assert shared
         assert (fine[:shared] <= coarse[:shared] * (1.0 + FLOOR)).all()
 
 

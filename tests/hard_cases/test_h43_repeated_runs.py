@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from headstock.validation.campaigns.runs import finish_run, make_places, read_numbers
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 
 def test_two_runs_without_a_common_store_are_equal_to_the_last_bit(tmp_path: Path) -> None:

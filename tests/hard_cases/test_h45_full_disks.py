@@ -17,6 +17,8 @@ from headstock.validation.campaigns.disk import OLD, ResumeTrials, run_disk_camp
 from headstock.validation.campaigns.resume import SCENE
 from headstock.validation.campaigns.runs import VARIANTS, CampaignError, finish_run, make_places, read_numbers
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 LIGHT_SCENE = (
     SCENE.replace('"200 mm", 500]', '"200 mm", 8]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[3, 4, 5]")
     + f'[variants.{OLD}]\n"materials.steel.rho" = "7000 kg/m^3"\n'

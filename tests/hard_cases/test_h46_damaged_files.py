@@ -16,6 +16,8 @@ from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.validation.campaigns.file_fuzz import box_mesh, box_superelement, inp_text, msh_text, run_file_fuzz
 
+pytestmark = pytest.mark.process
+
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 
 

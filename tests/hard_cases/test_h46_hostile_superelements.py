@@ -208,6 +208,7 @@ NAMED: dict[str, tuple[Change, str]] = {
 }
 
 
+@pytest.mark.process
 def test_the_file_before_it_is_changed_is_accepted(tmp_path: Path) -> None:
     assert read_superelement(hostile(tmp_path, lambda file, folder: None)).warnings == bar().warnings
 
@@ -233,6 +234,7 @@ def test_a_file_whose_numbers_or_names_cannot_be_true_is_refused_by_name(tmp_pat
     assert printable(str(caught.value)) == str(caught.value)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["external words", "external pipe", "warning"])
 def test_the_child_that_reads_first_refuses_them_too(tmp_path: Path, name: str) -> None:
     change, message = {**REACHING, **NAMED}[name]

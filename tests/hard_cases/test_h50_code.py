@@ -68,6 +68,7 @@ def test_a_quantity_is_a_number_and_a_unit_and_no_expression(text: str) -> None:
         parse_quantity(text, LENGTH)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("suffix", [".msh", ".step"])
 @pytest.mark.parametrize("head", ["", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "ISO-10303-21;\n"])
 def test_a_gmsh_script_under_another_name_is_not_run(tmp_path: Path, suffix: str, head: str) -> None:
@@ -81,6 +82,7 @@ def test_a_gmsh_script_under_another_name_is_not_run(tmp_path: Path, suffix: str
     assert not mark.exists()
 
 
+@pytest.mark.process
 def test_a_configuration_of_gmsh_in_the_working_folder_or_home_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mark = tmp_path / "mark"
     for name in (".gmshrc", ".gmsh-options"):
@@ -100,6 +102,7 @@ class Bomb:
         return (exec, ("raise SystemExit('ran')",))
 
 
+@pytest.mark.process
 def test_objects_packed_into_a_superelement_file_stay_packed(tmp_path: Path) -> None:
     packed = np.frombuffer(pickle.dumps(Bomb()), dtype=np.uint8)
     kinds = (("void", np.void(packed.tobytes())), ("words", np.array([b"a", b"b"], dtype=h5py.special_dtype(vlen=bytes))))

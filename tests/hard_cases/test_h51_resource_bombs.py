@@ -42,6 +42,7 @@ def test_a_billion_elements_are_refused_within_a_second_with_their_number(
     assert "'column'" in str(caught.value) and "larger mesh size" in str(caught.value)
 
 
+@pytest.mark.process
 def test_a_run_of_a_billion_elements_ends_with_1_and_leaves_nothing(tmp_path: Path) -> None:
     places = make_places(tmp_path)
     places.scene.write_text(SCENE.replace("20 mm", "0.136 mm"))

@@ -14,6 +14,8 @@ from headstock.validation.ladder.claims import judge_ladder, judge_own
 from headstock.validation.ladder.points import LadderError, collect_points, deviations, measure_beam, pick_rungs, worst_of
 from headstock.validation.ladder.references import LadderBeam, ladder_beam
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 CANTILEVER = {
     "static_segmented": [2, 5, 15, 70],

@@ -33,6 +33,7 @@ def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(summ
 
 
 def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary: Json) -> None:
+    assert len(summary["modal"]) == len(MEASURED)
     for modes in summary["modal"]:
         first, second = modes["energy_share"][:2]
         assert 0.6 < first["leg_3"] < 0.7 and second["leg_1"] + second["leg_2"] > 0.97

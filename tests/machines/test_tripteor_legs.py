@@ -48,6 +48,7 @@ def test_beam_elements_in_a_model_of_their_own_give_the_same_frequencies(elastic
 def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() -> None:
     stiff, lumped = load_legs("stiff_legs+segmented"), load_tripteor()
     stiffer = load_legs("stiff_legs+segmented", ('materials.leg_steel.E="21000000 GPa"',))
+    assert set(lumped.poses) == set(MEASURED)
     for pose, state in lumped.poses.items():
         right = solve_pose_modes(linearise_poses(lumped.model, state)).frequencies_hz
         off = np.abs(frequencies(stiff, pose) / right - 1.0)

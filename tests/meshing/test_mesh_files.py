@@ -16,6 +16,8 @@ from headstock.meshing.components.meshing import describe_component, estimate_ce
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 
+pytestmark = pytest.mark.process
+
 Make = Callable[..., Component]
 SIZE = (0.03, 0.02, 0.05)
 # gmsh position of the node that each format puts in this place, corners left out, written down from the formats' manuals:

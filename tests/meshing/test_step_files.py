@@ -15,6 +15,8 @@ from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size, read_length_unit
 
+pytestmark = pytest.mark.process
+
 Make = Callable[..., Component]
 HOLE_AREA = 3 * np.pi * 6.0**2
 BLOCK_VOLUME = (60 * 40 - HOLE_AREA) * 20 * 1e-9

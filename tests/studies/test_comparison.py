@@ -13,6 +13,8 @@ from headstock.scene.reading.findings import SceneError
 from headstock.studies.comparison import Comparison, compare_variants, summarise_comparison
 from headstock.studies.variants import STEPS, VariantSolution, choose_variants, solve_variant
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 SCENE = """
 name = "A column on a block"
 [materials.steel]
@@ -100,7 +102,8 @@ def test_a_variant_held_against_itself_deviates_by_nothing(scene: Path) -> None:
     one = solve(scene, "S")
     twin = solve(scene, "as written")
     found = compare_variants([one, twin], scene="column", reference="S")
-    assert all(row.origin == "S" for row in found.rows if row.cells.get("S") is not None)
+    rows = [row for row in found.rows if row.cells.get("S") is not None]
+    assert len(rows) >= one.wanted and all(row.origin == "S" for row in rows)
     again = compare_variants([one], scene="column")
     assert len(again.rows) == one.wanted
     assert all(list(row.cells) == ["S"] and row.cells["S"].deviation is None for row in again.rows)

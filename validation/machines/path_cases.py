@@ -16,7 +16,6 @@ from typing import Literal
 import numpy as np
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
-from scipy.linalg import cho_factor, cho_solve
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, MachinePath, place_components, travel_directions
@@ -142,29 +141,6 @@ def integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatA
         wanted = np.append(np.clip(times[inside], begin, end * (1.0 - 1e-15)), end)
         solved = solve_ivp(slope, (begin, end), state, "DOP853", wanted, rtol=tolerance, atol=1e-18)
         state, found[inside] = solved.y[:, -1], solved.y[:count, :-1].T
-    return _deviate(machine, move, times, found)
-
-
-def step_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, substeps: int) -> FloatArray:
-    """Deviation ``(n, p)`` at evenly spaced times [s] by average acceleration, a new factorisation at every step.
-
-    Source: Newmark (1959), beta 1/4 and gamma 1/2: generalised-alpha without numerical damping.
-    """
-    step = float(times[1] - times[0]) / substeps
-    count = len(machine.mass)
-    place: FloatArray = np.zeros(count)
-    speed: FloatArray = np.zeros(count)
-    rate: FloatArray = np.zeros(count)
-    found = np.zeros((len(times), count))
-    for number in range(1, (len(times) - 1) * substeps + 1):
-        position = _stand(move, number * step)
-        stiffness = machine.between("stiffnesses", position)
-        guess, fast = place + step * speed + 0.25 * step**2 * rate, speed + 0.5 * step * rate
-        rest = position * machine.between("pulls", position) - stiffness @ guess
-        rate = cho_solve(cho_factor(machine.mass + 0.25 * step**2 * stiffness, check_finite=False), rest, check_finite=False)
-        place, speed = guess + 0.25 * step**2 * rate, fast + 0.5 * step * rate
-        if number % substeps == 0:
-            found[number // substeps] = place
     return _deviate(machine, move, times, found)
 
 

@@ -107,7 +107,6 @@ class AbsoluteSolution:
         multipliers: ``(m,)``.
         violation: Largest constraint violation.
         stretch: ``(s,)`` length of each spring.
-        stretch_rate: ``(s,)``.
         stretch_acceleration: ``(s,)``.
     """
 
@@ -116,7 +115,6 @@ class AbsoluteSolution:
     multipliers: FloatArray
     violation: float
     stretch: FloatArray
-    stretch_rate: FloatArray
     stretch_acceleration: FloatArray
 
 
@@ -196,7 +194,6 @@ def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, for
         multipliers=found[len(mass) :],
         violation=max(abs(row[0] - c[0]) for row, c in zip(rows, wanted, strict=True)),
         stretch=np.array([row[0] for row in lengths]),
-        stretch_rate=np.array([row[1] for row in lengths]),
         stretch_acceleration=np.array([row[2] + row[3] @ found[: len(mass)] for row in lengths]),
     )
 

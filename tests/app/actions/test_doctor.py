@@ -17,6 +17,8 @@ from headstock.app.actions.doctor import (
     run_doctor,
 )
 
+pytestmark = pytest.mark.process
+
 GOOD = Check("python", "3.13.5", "ok")
 BROKEN = Check("PETSc", "complex scalars", "missing", "install the real one")
 SLOW = Check("BLAS", "reference", "warning", "install a fast one")

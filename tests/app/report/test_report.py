@@ -454,6 +454,7 @@ def test_a_part_that_moves_rigidly_takes_six_numbers_however_fine_it_is() -> Non
 
 def test_the_displacement_under_a_push_is_the_compliance_at_the_tool(run_folder: Path) -> None:
     summary, view = read_summary(run_folder), read_view(run_folder)
+    assert view.poses
     for name, pose in view.poses.items():
         place = pose.points["tcp"].tool_place
         matrix = np.array(summary["static_poses"][name]["tcp"]["compliance_6x6"])

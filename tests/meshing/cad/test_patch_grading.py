@@ -13,6 +13,8 @@ from headstock.meshing.components.meshing import estimate_cells, estimate_mesh, 
 from headstock.meshing.elements.quality import integrate_mesh, scaled_jacobians
 from headstock.meshing.errors import MeshError
 
+pytestmark = pytest.mark.process
+
 Make = Callable[..., Component]
 BLOCK = Box((0.03, 0.4, 0.2))
 PAD, BACK = (Patch(face, "rect", (0.0, 0.0, 0.1), (0.01, 0.01)) for face in ("x+", "x-"))

@@ -24,6 +24,8 @@ from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.budgets import displacement_dofs
 
+pytestmark = pytest.mark.process
+
 Make = Callable[..., Component]
 ENDS = {"foot": Patch("z-"), "tip": Patch("z+")}
 COLUMN = Box((0.1, 0.038, 0.5))
@@ -300,6 +302,7 @@ def test_thin_remains_of_patches_on_round_solids_are_meshed_finer_until_their_ar
     }
     mesh = mesh_component(make_component(Tube(0.2, 0.15, 0.05), crossing, size=0.03))
     areas, _ = patch_moments(mesh.points, mesh.patches)
+    assert set(mesh.quality.cad_areas) == set(crossing)
     for name, area in mesh.quality.cad_areas.items():
         assert areas[name] == pytest.approx(area, rel=1e-3)
 

@@ -113,6 +113,7 @@ def holes(skin: Skin) -> int:
     return (2 - len(skin.points) + edges - len(skin.triangles)) // 2
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["column", "bracket", "finned_flange", "rounded_frame"])
 def test_a_step_part_that_is_thinned_out_twice_is_drawn_closed_with_its_holes_and_its_edges(
     name: str, step_parts: dict[str, Path], monkeypatch: pytest.MonkeyPatch
@@ -132,6 +133,7 @@ def test_a_step_part_that_is_thinned_out_twice_is_drawn_closed_with_its_holes_an
         assert edge_length(thin) == pytest.approx(edge_length(whole), rel=2e-2)
 
 
+@pytest.mark.process
 def test_the_surface_of_a_meshed_step_part_is_thinned_out_closed_and_at_points_of_the_mesh(
     step_parts: dict[str, Path], make_component, monkeypatch: pytest.MonkeyPatch
 ) -> None:

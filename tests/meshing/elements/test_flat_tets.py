@@ -40,6 +40,7 @@ def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is(make_bo
     assert find_flat_tets(points, corners).qualities.min() < POOR_QUALITY
 
 
+@pytest.mark.process
 def test_a_thin_sheet_is_not_said_to_have_poor_elements(make_component):
     sheet = make_component(Box((0.4, 0.3, 0.002)), size=0.05, cells="tet")
     mesh = mesh_component(sheet)

@@ -9,6 +9,8 @@ from headstock.meshing.process.job import MeshJob
 from headstock.studies.parameters.runs import blames_surroundings
 from headstock.validation.campaigns.small_disks import limited_room
 
+pytestmark = pytest.mark.process
+
 BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
 
 

@@ -59,6 +59,7 @@ def test_a_rigid_component_is_never_meshed() -> None:
     ]
 
 
+@pytest.mark.process
 def test_equal_parts_are_surveyed_once_and_whoever_waits_is_told() -> None:
     tube = Tube(0.1, 0.06, 0.2)
     left, right, longer = (make_component(name, solid=tube) for name in ("left", "right", "longer"))

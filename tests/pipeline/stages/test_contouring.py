@@ -13,6 +13,8 @@ from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
+pytestmark = pytest.mark.slow
+
 SHORT = 1.2
 
 

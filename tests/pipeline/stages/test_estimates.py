@@ -15,6 +15,8 @@ from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 SCENE = """
 name = "two halves"
 [materials.steel]

@@ -12,6 +12,8 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 SCENE = """
 name = "bracket"
 [materials.steel]

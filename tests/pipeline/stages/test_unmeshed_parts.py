@@ -19,6 +19,8 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.validation.campaigns.file_fuzz import SIZE, box_mesh, msh_text
 
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
 SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.step"
 SCENE = """
 name = "Parts from files"

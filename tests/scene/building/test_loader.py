@@ -238,6 +238,7 @@ def test_the_three_axis_machine_has_the_paper_s_variants(variant: str | None, el
 @pytest.mark.parametrize("variant", ["R", "BE", "CE", "YE", "YCE"])
 def test_what_is_elastic_in_a_variant_of_the_three_axis_machine_can_be_segmented_instead(variant: str) -> None:
     elastic, segmented = (load_scene(MACHINES / "three_axis.toml", variant=name) for name in (variant, f"segmented+{variant}"))
+    assert set(segmented.machine.components) == set(elastic.machine.components) != set()
     for name, component in elastic.machine.components.items():
         expected = "segmented" if component.fidelity == "elastic" else component.fidelity
         assert segmented.machine.components[name].fidelity == expected

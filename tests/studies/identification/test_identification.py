@@ -20,6 +20,8 @@ from headstock.validation.machines.identification_cases import (
     write_parameters,
 )
 
+pytestmark = pytest.mark.slow
+
 TRUTH = {"guide_normal": 70e6, "guide_lateral": 55e6, "drive": 90e6, "feet_z": 170e6}
 CASES = """
 [cases.written]

@@ -9,6 +9,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
 from headstock.validation.machines.identification_cases import prepare_text
 
+pytestmark = pytest.mark.slow
+
 STEP = 5e-4
 STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 TARGETS = """

@@ -64,6 +64,7 @@ def test_every_pose_gives_what_a_run_of_it_gives(tmp_path: Path) -> None:
 
 def test_the_largest_compliance_is_that_of_the_worst_direction(tmp_path: Path) -> None:
     point = publish(make_job(tmp_path, "named"))[1].points["tcp"]
+    assert len(point.compliance)
     for matrix, largest, direction in zip(point.compliance, point.largest, point.direction, strict=True):
         tried = np.random.default_rng(1).normal(size=(2000, 3))
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)

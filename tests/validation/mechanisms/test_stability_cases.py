@@ -1,8 +1,11 @@
 """Regenerative stability by second roads; ``headstock validate milling-stability`` takes finer steps."""
 
+import pytest
 from mpi4py import MPI
 
 from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
+
+pytestmark = pytest.mark.slow
 
 
 def test_multipliers_meet_closed_forms_and_a_marched_motion() -> None:
