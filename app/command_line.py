@@ -34,7 +34,6 @@ COMMANDS = (
     tool_commands.report,
     tool_commands.doctor,
     tool_commands.schema,
-    tool_commands.campaign,
     tool_commands.completion,
 )
 

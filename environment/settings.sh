@@ -34,6 +34,11 @@ free_threads() {
     echo "$free"
 }
 
+# asks_for_slurm ARGS: whether the tests of a real Slurm are named and the root for them is still to be entered.
+asks_for_slurm() {
+    case " $*" in *faults/test_slurm.py*) [ ! -e /etc/headstock-root ] || [ -n "${HEADSTOCK_PRIVATE_ROOT:-}" ] ;; *) false ;; esac
+}
+
 test_workers() {
     for word; do
         case $word in --pdb | --trace | -s | --capture=no | --co | --collect-only | --version | --help) echo 0; return ;; esac

@@ -71,6 +71,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--none-skipped", action="store_true", help="a skipped test fails the run: all that tests need has to be there"
     )
+    parser.addoption("--trials", type=int, help="how many faults each test of -m faults injects (200, 60, 20, 100000, 500, 4)")
+    parser.addoption("--seed", type=int, default=1, help="of what is random in the tests of -m faults")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -85,11 +87,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if quick and kinds_of(collection_path) else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
         kinds = kinds_of(item.path) | ({"fem"} if "dense" in getattr(item, "fixturenames", ()) else set())
         for kind in sorted(kinds):
             item.add_marker(kind)
+    if "faults" not in config.option.markexpr:  # hours of them, only when they are asked for
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
+        items[:] = [item for item in items if not item.get_closest_marker("faults")]
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -113,7 +118,7 @@ inside_a_test: list[str] = []
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     # pytest itself prints where a test hangs and lets it hang; this process ends, and xdist starts another for the tests left
-    if (limit := get_timeout_config_value(item.config)) > 0.0:
+    if (limit := get_timeout_config_value(item.config)) > 0.0 and not item.get_closest_marker("faults"):
         faulthandler.dump_traceback_later(limit, exit=True, file=item.config.stash[fault_handler_stderr_fd_key])
 
 

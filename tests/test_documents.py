@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = ("README.md", "docs/tutorial.md")
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to them
-SKIPPED = re.compile(r"\./headstock (test|exec|validate|campaign)\b|docker |apt|git clone")
+SKIPPED = re.compile(r"\./headstock (test|exec|validate)\b|docker |apt|git clone")
 SECONDS = 300
 
 

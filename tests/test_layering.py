@@ -56,7 +56,6 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "coverage": {"references", "parts"},
         "machines": {"references", "parts", "mechanisms"},
         "ladder": {"references", "parts", "mechanisms"},
-        "campaigns": {"references", "parts", "mechanisms"},
     },
     "app": {
         "texts": set(),

@@ -127,31 +127,6 @@ def schema(
     return run_guarded(action, debug=debug)
 
 
-def _list_campaigns() -> list[str]:
-    return ["kill", "resume", "disk", "fuzz", "files", "slurm"]
-
-
-def campaign(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="kill, resume, disk, fuzz, files or slurm.", autocompletion=_list_campaigns)
-    ],
-    runs: Annotated[
-        int | None, typer.Option("--runs", metavar="N", min=1, help="How many trials [200, 20, 100000, 500, 4].")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 1,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """Try faults on purpose: killed runs, full disks, damaged scenes, damaged files, disturbed jobs of a real Slurm."""
-
-    def action() -> int:
-        from headstock.app.actions.campaigning import run_campaign
-
-        return run_campaign(name, runs, seed, json)
-
-    return run_guarded(action, debug=debug)
-
-
 def _list_shells() -> list[str]:
     return ["bash", "zsh", "fish"]
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+SLURM_TESTS = "tests/faults/test_slurm.py"
 
 TOOLS = """
     awk basename cat chmod cksum cp cut date df dirname env find flock grep head id kill ln ls mkdir mv nproc readlink rm sed
@@ -180,39 +181,33 @@ def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
 
 def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(host: Host) -> None:
     host.write("id", "#!/bin/sh\necho 0\n")
-    usual, words = dry(host, "campaign", "kill"), dry(host, "campaign", "slurm", "--runs", "1")
+    usual, words = dry(host, "test", "-m", "faults"), dry(host, "test", "-m", "faults", SLURM_TESTS)
     assert root_of(usual) != root_of(words)
     at = words.index("--proc")
     assert words[at : at + 6] == ["--proc", "/proc", "--tmpfs", "/run", "--hostname", "localhost"]
     assert "/run" not in [words[at + 1] for at, word in enumerate(words) if word == "--remount-ro"]
-    assert words[-4:] == ["campaign", "slurm", "--runs", "1"]
-
-
-def test_options_may_stand_before_the_name_of_the_campaign(host: Host) -> None:
-    host.write("id", "#!/bin/sh\necho 0\n")
-    assert "--hostname" in dry(host, "campaign", "--seed", "2", "--debug", "slurm")
-    assert "--hostname" not in dry(host, "campaign", "--json", "slurm", "kill")
+    assert words[-3:] == ["-m", "faults", SLURM_TESTS]
 
 
 def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_launcher(host: Host) -> None:
     for tool, text in (("id", "echo 0"), ("stat", "exit 0"), ("unshare", "exit 0"), ("setpriv", 'printf "%s\\n" "$@"')):
         host.write(tool, f"#!/bin/sh\n{text}\n")
     inner = host.environment(OPENBLAS_CORETYPE="Haswell")
-    found = [run([ROOT / "headstock", "campaign", "slurm"], inner) for _ in range(2)]
+    found = [run([ROOT / "headstock", "test", SLURM_TESTS], inner) for _ in range(2)]
     assert [done.returncode for done in found] == [0, 0], found[0].stderr
     assert host.builds() == 1
     assert ",slurm-wlm,munge " in host.log.read_text()
     words = found[1].stdout.splitlines()
     assert words[:4] == ["--pdeathsig", "KILL", "unshare", "--mount"]
     assert "--kill-child" in words
-    assert words[-2:] == ["campaign", "slurm"]
+    assert words[-1] == SLURM_TESTS
 
 
 def test_slurm_is_not_started_by_an_ordinary_user(host: Host) -> None:
     host.ordinary_user()
-    done = run([ROOT / "headstock", "campaign", "slurm"], host.environment())
+    done = run([ROOT / "headstock", "test", SLURM_TESTS], host.environment())
     assert done.returncode == 1
-    assert "needs root: sudo" in done.stderr
+    assert "needs root: write sudo" in done.stderr
     assert host.builds() == 0
 
 

@@ -34,7 +34,6 @@ FILE_COMMANDS = (
     "schema --json {file}",
     "validate torsion-constant --json {file}",
     "doctor --json {file}",
-    "campaign fuzz --runs 1 --json {file}",
 )
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from faults.runs import SCENE
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.validation.campaigns.runs import SCENE
 
 JOINT = '\n[joints.odd]\nbetween = ["ground", "column.tip"]\nkind = "spring"\nstiffness = { x = VALUE }\n'
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from headstock.validation.campaigns.runs import finish_run, make_places, read_numbers
+from faults.runs import finish_run, make_places, read_numbers
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 

@@ -1,4 +1,4 @@
-"""H44: a run killed at any time leaves whole files, and the next run finds what an undisturbed one finds (200 kills: ``campaign kill``)."""
+"""H44: a run killed at any time leaves whole files, and the next run finds what an undisturbed one finds."""
 
 import random
 import shutil
@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from faults import kill
+from faults.kill import check_remains, kill_runs
+from faults.resume import kill_and_resume
+from faults.runs import FaultError, Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.campaigns import kill as kill_campaign
-from headstock.validation.campaigns.kill import check_remains, run_kill_campaign
-from headstock.validation.campaigns.runs import CampaignError, Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
 
 KINDS = {".h5", ".json", ".html", ".png", ".glb", ".vtu", ".csv"}
 CUTS = 12
@@ -26,7 +27,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Places, dict[str
 
 
 def test_ten_killed_runs_leave_no_torn_file_and_the_next_run_is_right(tmp_path: Path) -> None:
-    outcome = run_kill_campaign(10, seed=44, root=tmp_path, on_trial=lambda _: None)
+    outcome = kill_runs(10, seed=44, root=tmp_path)
     assert outcome.faults == []
     assert outcome.trials == 10
     assert sum(count for ending, count in outcome.happened.items() if ending.startswith("killed")) >= 8
@@ -43,16 +44,16 @@ def test_every_file_of_a_run_is_known_as_torn_when_its_end_is_missing(finished: 
             if path.suffix == ".csv" and whole[:length].endswith(b"\n"):
                 continue  # a table without its last lines looks like a whole one
             path.write_bytes(whole[:length])
-            with pytest.raises(CampaignError, match=path.name):
+            with pytest.raises(FaultError, match=path.name):
                 check_remains(places, expected)
         path.write_bytes(whole)
     assert kinds == KINDS
 
 
-def test_what_does_not_end_is_killed_with_its_children_and_is_a_fault_of_a_campaign() -> None:
+def test_what_does_not_end_is_killed_with_its_children_and_is_a_fault() -> None:
     command = ["sh", "-c", "sleep 300 & sleep 300"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    with pytest.raises(CampaignError, match=r"did not end in 0.2 s"):
+    with pytest.raises(FaultError, match=r"did not end in 0.2 s"):
         wait_for_end(process, seconds=0.2)
     # its child, which holds the same pipe, is gone too: else reading to the pipe's end would have taken 300 s
     assert process.returncode == -signal.SIGKILL
@@ -76,13 +77,13 @@ def test_a_file_that_only_looks_like_one_is_known_as_torn(
     whole = path.read_bytes()
     path.write_bytes(content)
     try:
-        with pytest.raises(CampaignError, match=name):
+        with pytest.raises(FaultError, match=name):
             check_remains(places, expected)
     finally:
         path.write_bytes(whole)
 
 
-def test_a_campaign_reports_torn_files_wrong_numbers_and_temporaries_of_the_runs_it_killed(
+def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, finished: tuple[Places, dict[str, Numbers]]
 ) -> None:
     spoils = iter(["results.h5", "summary.json", "report.html", "numbers", "nothing"])
@@ -102,10 +103,16 @@ def test_a_campaign_reports_torn_files_wrong_numbers_and_temporaries_of_the_runs
             path.write_bytes(path.read_bytes()[:-100])
         return "killed by hand"
 
-    monkeypatch.setattr(kill_campaign, "_kill_one", spoil)
-    monkeypatch.setattr(kill_campaign, "finish_run", finish)
-    outcome = run_kill_campaign(5, seed=1, root=tmp_path, on_trial=lambda _: None)
+    monkeypatch.setattr(kill, "_kill_one", spoil)
+    monkeypatch.setattr(kill, "finish_run", finish)
+    outcome = kill_runs(5, seed=1, root=tmp_path)
     told = " | ".join(outcome.faults)
     assert [fault.partition(":")[0] for fault in outcome.faults] == ["kill 1", "kill 2", "kill 3", "kill 4"], told
     for number, name in enumerate(("results.h5", "summary.json", "report.html", "numbers of neither variant")):
         assert name in outcome.faults[number]
+
+
+def test_sweeps_and_studies_killed_once_end_as_undisturbed_ones(tmp_path: Path) -> None:
+    outcome = kill_and_resume(2, seed=4, root=tmp_path, kinds=("sweep", "study"))
+    assert outcome.faults == []
+    assert outcome.trials == 2

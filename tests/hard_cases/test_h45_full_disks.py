@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from faults.disk import OLD, ResumeTrials, fill_disks
+from faults.resume import SCENE
+from faults.runs import VARIANTS, FaultError, finish_run, make_places, read_numbers
 from headstock.app.actions.studying import StudyRequest, study_request
 from headstock.app.actions.sweeping import SweepRequest, sweep_request
 from headstock.app.terminal.guard import run_guarded
 from headstock.pipeline.storage.provenance import SceneChoice
-from headstock.validation.campaigns.disk import OLD, ResumeTrials, run_disk_campaign
-from headstock.validation.campaigns.resume import SCENE
-from headstock.validation.campaigns.runs import VARIANTS, CampaignError, finish_run, make_places, read_numbers
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -26,7 +26,7 @@ LIGHT_SCENE = (
 
 
 def test_three_runs_on_a_small_disk_end_right_or_with_a_named_error_and_the_old_result(tmp_path: Path) -> None:
-    outcome = run_disk_campaign(3, seed=5, root=tmp_path, on_trial=lambda _: None, kinds=("run",))
+    outcome = fill_disks(3, seed=5, root=tmp_path, kinds=("run",))
     assert outcome.faults == []
     assert outcome.trials == 3
     assert any(ending.startswith("run: exit 1") for ending in outcome.happened)
@@ -74,7 +74,7 @@ def test_a_trial_tells_what_a_full_disk_must_not_do(trials: ResumeTrials, tmp_pa
             return change(folder)
 
         monkeypatch.setattr(trials, "_run", start)
-        with pytest.raises(CampaignError) as caught:
+        with pytest.raises(FaultError) as caught:
             trials.attempt(tmp_path / name, 1.0, 0)
         return str(caught.value)
 

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from faults.file_fuzz import box_mesh, box_superelement, inp_text, msh_text, run_file_fuzz
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import MeshFile
@@ -14,7 +15,6 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.validation.campaigns.file_fuzz import box_mesh, box_superelement, inp_text, msh_text, run_file_fuzz
 
 pytestmark = pytest.mark.process
 
@@ -27,7 +27,7 @@ def read_mesh(path: Path, text: str) -> None:
 
 
 def test_forty_damaged_files_are_read_or_refused_by_name(tmp_path: Path) -> None:
-    outcome = run_file_fuzz(40, seed=46, root=tmp_path, on_trial=lambda _: None)
+    outcome = run_file_fuzz(40, seed=46, root=tmp_path)
     assert outcome.faults == []
     assert outcome.trials == 40
     assert sum(count for ending, count in outcome.happened.items() if "refused" in ending) > 20

@@ -6,15 +6,15 @@ from pathlib import Path
 import h5py
 import pytest
 
+from faults.file_checks import check_files
+from faults.file_fuzz import box_superelement
+from faults.runs import finish_run, make_places, read_numbers
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.storage import content_keys
 from headstock.pipeline.storage.content_keys import mesh_key, superelement_key
 from headstock.pipeline.storage.store import USER_BLOCK, Store, entry_path, read_entry, seal_entry, write_entry
 from headstock.reduction.superelement import Superelement
-from headstock.validation.campaigns.file_checks import check_files
-from headstock.validation.campaigns.file_fuzz import box_superelement
-from headstock.validation.campaigns.runs import finish_run, make_places, read_numbers
 
 KEY = "cd" + 62 * "1"
 COLUMN = Component("column", Box((0.1, 0.1, 0.5)), Material("steel", 2.1e11, 0.3, 7850.0))

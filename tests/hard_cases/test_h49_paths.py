@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from faults.runs import SCENE
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading import files as scene_files
 from headstock.scene.reading.findings import SceneError
-from headstock.validation.campaigns.runs import SCENE
 
 # a mesh of a file takes no size, and that problem is not to hide another one
 PLAIN_SCENE = SCENE.replace('mesh = { size = "20 mm" }\n', "")

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from faults.file_fuzz import box_superelement
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.components.meshing import describe_component, mesh_component
@@ -15,7 +16,6 @@ from headstock.meshing.errors import MeshError
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
-from headstock.validation.campaigns.file_fuzz import box_superelement
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKS = sorted((ROOT / ".typing" / "headstock").iterdir())

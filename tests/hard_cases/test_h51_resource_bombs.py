@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from faults.runs import SCENE, finish_run, make_places
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.validation.campaigns.runs import SCENE, finish_run, make_places
 
 AXIS = '\n[axes.X]\njoints = ["slide"]\ndirection = "x"\n[joints.slide]\nbetween = ["ground", "column.tip"]\nkind = "prismatic"\naxis = "x"\n'
 

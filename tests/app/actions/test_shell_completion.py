@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.campaigning import CAMPAIGNS
 from headstock.app.actions.shell_completion import SCRIPTS
 from headstock.app.command_line import main
 
@@ -53,9 +52,9 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
 @pytest.mark.parametrize("shell", ASK)
 def test_commands_options_names_and_files_are_completed(shell: str, folder: Path) -> None:
     (folder / "scene.toml").touch()
-    assert ask(shell, folder, "./headstock", "cam") == ["campaign"]
+    assert ask(shell, folder, "./headstock", "comp") == ["compare", "completion"]
     assert "--variant" in ask(shell, folder, "./headstock", "run", "--v")
-    assert set(ask(shell, folder, "./headstock", "campaign", "")) == set(CAMPAIGNS)
+    assert set(ask(shell, folder, "./headstock", "completion", "")) == set(SCRIPTS)
     files = ask(shell, folder, "./headstock", "check", "sc")
     assert files[-1] == "scene.toml" if shell == "fish" else files == ["compopt", "-o", "default"]
 

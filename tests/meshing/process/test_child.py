@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 
+from faults.small_disks import limited_room
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshJob
 from headstock.studies.parameters.runs import blames_surroundings
-from headstock.validation.campaigns.small_disks import limited_room
 
 pytestmark = pytest.mark.process
 

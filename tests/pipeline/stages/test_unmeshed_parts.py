@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from faults.file_fuzz import SIZE, box_mesh, msh_text
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
@@ -17,7 +18,6 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.validation.campaigns.file_fuzz import SIZE, box_mesh, msh_text
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 

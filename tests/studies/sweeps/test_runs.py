@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import headstock.studies.sweeps.runs
+from faults.small_disks import limited_room
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.scene.building.loader import load_scene
@@ -19,7 +20,6 @@ from headstock.studies.sweeps.journals import FOLDER, PoseJournal, PoseResult, d
 from headstock.studies.sweeps.machine_poses import solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
-from headstock.validation.campaigns.small_disks import limited_room
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 COMM = MPI.COMM_SELF

@@ -2,14 +2,13 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from headstock.validation.campaigns.runs import CampaignError
+from faults.runs import FaultError
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 START_SECONDS, STOP_SECONDS, POLL_SECONDS = 60.0, 15.0, 0.1
@@ -48,18 +47,6 @@ PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 CONTROL_GROUPS = "CgroupPlugin=disabled\n"
 
 
-def require_daemons() -> None:
-    """Try that the daemons are installed and that this process is root, in a system of its own.
-
-    Raises:
-        CampaignError: They are not; says what to do.
-    """
-    if os.geteuid() or any(shutil.which(daemon) is None for daemon in DAEMONS):
-        raise CampaignError(
-            "there is no Slurm to start here: as root, ./headstock campaign slurm builds and enters a system with one"
-        )
-
-
 @contextlib.contextmanager
 def run_slurm(folder: Path, *, cpus: int) -> Iterator[dict[str, str]]:
     """Start Slurm and stop it at the end, whatever happens.
@@ -72,7 +59,7 @@ def run_slurm(folder: Path, *, cpus: int) -> Iterator[dict[str, str]]:
         Variables with which programs find this Slurm.
 
     Raises:
-        CampaignError: A daemon does not start; its last words are told.
+        FaultError: A daemon does not start; its last words are told.
     """
     _write_settings(folder, cpus)
     variables = {"SLURM_CONF": str(folder / "slurm.conf")}
@@ -136,7 +123,7 @@ def _wait_until(folder: Path, started: dict[str, "subprocess.Popen[bytes]"], is_
         for name, process in started.items():
             if process.poll() is not None or time.monotonic() > end:
                 said = (folder / f"{name}.out").read_text(errors="replace").strip()[-1500:]
-                raise CampaignError(f"{name} does not start (exit code {process.poll()}): {said}")
+                raise FaultError(f"{name} does not start (exit code {process.poll()}): {said}")
         time.sleep(POLL_SECONDS)
 
 

@@ -1,28 +1,27 @@
-"""What the fault campaigns share: a small elastic scene in two variants, its run as a process, and the numbers it leaves.
-
-What a fault campaign reports.
-"""
+"""What the fault-injection tests share: a small elastic scene in two variants, its run as a process, the numbers it leaves, the tally."""
 
 import contextlib
 import dataclasses
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 
 VARIANTS = ("steel", "iron")
 SCENE = """
-name = "Campaign"
+name = "Column"
 [materials.steel]
 E = "210 GPa"
 nu = 0.3
@@ -57,25 +56,23 @@ TIME_LIMIT = 1800.0  # of what takes seconds: for machines where a dozen other p
 EQUAL = 1e-12
 
 
-class CampaignError(HeadstockError):
-    """A fault campaign found something torn, wrong or left behind."""
+class FaultError(Exception):
+    """Something torn, wrong or left behind."""
 
 
 @dataclass
-class CampaignOutcome:
-    """Tally of a campaign, filled in while it runs.
+class Outcome:
+    """Tally of trials, filled in while they run.
 
     Attributes:
-        name: Of the campaign.
         trials: How many were made.
         happened: How they ended, in words, and how often.
         faults: What should never happen, each with the trial it happened in.
         slowest_seconds: Longest trial, where trials are bounded.
         peak_mb: Largest memory of a trial, where it is bounded [MB].
-        notes: Where a campaign had to make do with less.
+        notes: Where the trials had to make do with less.
     """
 
-    name: str
     trials: int = 0
     happened: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
@@ -92,7 +89,7 @@ class CampaignOutcome:
 
 @dataclass(frozen=True)
 class Places:
-    """Folders of a campaign: results, store, temporary files, and the scene.
+    """Folders of the runs: results, store, temporary files, and the scene.
 
     Attributes:
         root: Holds all of them.
@@ -105,7 +102,7 @@ class Places:
     @property
     def scene(self) -> Path:
         """The scene file."""
-        return self.root / "campaign.toml"
+        return self.root / "scene.toml"
 
     @property
     def results(self) -> Path:
@@ -136,8 +133,18 @@ class Numbers:
         return all(a.shape == b.shape and bool(np.all(np.abs(a - b) <= EQUAL * np.abs(b).max())) for a, b in pairs)
 
 
+def in_own_process[**P, T](work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
+    """What a function returns in a new process, which has neither the threads nor the memory of this one.
+
+    Raises:
+        BrokenProcessPool: The process ended otherwise.
+    """
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(work, *arguments, **options).result()
+
+
 def make_places(root: Path, *, cache: Path | None = None) -> Places:
-    """Folders and the scene of a campaign."""
+    """Folders and the scene."""
     places = Places(root, cache)
     for folder in (places.store, places.temporary):
         folder.mkdir(parents=True, exist_ok=True)
@@ -174,7 +181,7 @@ def wait_for_end(process: "subprocess.Popen[str]", *, seconds: float = TIME_LIMI
     """Wait until the leader of a process group ends; what it said on standard error.
 
     Raises:
-        CampaignError: It did not end in time; it and its group are then killed.
+        FaultError: It did not end in time; it and its group are then killed.
     """
     try:
         _, said = process.communicate(timeout=seconds)
@@ -182,7 +189,7 @@ def wait_for_end(process: "subprocess.Popen[str]", *, seconds: float = TIME_LIMI
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        raise CampaignError(f"it did not end in {seconds:g} s") from None
+        raise FaultError(f"it did not end in {seconds:g} s") from None
     return said
 
 
@@ -190,11 +197,11 @@ def read_numbers(results: Path) -> Numbers:
     """Numbers of ``results.h5``, after a check that ``summary.json`` holds the same.
 
     Raises:
-        CampaignError: A file is torn, or the two contradict each other.
+        FaultError: A file is torn, or the two contradict each other.
     """
     from_file = read_results(results / "results.h5")
     if not from_file.equal(read_summary_numbers(results / "summary.json")):
-        raise CampaignError(f"results.h5 and summary.json in {results} are of different runs")
+        raise FaultError(f"results.h5 and summary.json in {results} are of different runs")
     return from_file
 
 
@@ -202,21 +209,21 @@ def read_results(path: Path) -> Numbers:
     """Numbers of a ``results.h5``.
 
     Raises:
-        CampaignError: It cannot be read.
+        FaultError: It cannot be read.
     """
     try:
         with h5py.File(path, "r") as file:
             pose = next(iter(file["modal"]))
             return Numbers(file[f"static/{pose}/tcp/compliance"][()], file[f"modal/{pose}/frequencies_hz"][()])
     except (OSError, KeyError, RuntimeError) as error:
-        raise CampaignError(f"{path} is torn: {error}") from error
+        raise FaultError(f"{path} is torn: {error}") from error
 
 
 def read_summary_numbers(path: Path) -> Numbers:
     """Numbers of a ``summary.json``.
 
     Raises:
-        CampaignError: It cannot be read.
+        FaultError: It cannot be read.
     """
     try:
         summary = json.loads(path.read_text())
@@ -225,4 +232,4 @@ def read_summary_numbers(path: Path) -> Numbers:
             np.array(summary["modal"][0]["frequencies_hz"], dtype=float),
         )
     except (OSError, KeyError, ValueError) as error:
-        raise CampaignError(f"{path} is torn: {error}") from error
+        raise FaultError(f"{path} is torn: {error}") from error

@@ -8,28 +8,27 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 
+from faults.runs import FaultError, Outcome
+from faults.slurm_daemons import run_slurm
 from headstock.pipeline.storage.provenance import PROJECT
-from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome
-from headstock.validation.campaigns.slurm_daemons import require_daemons, run_slurm
 
 SCENE, SWEEP = PROJECT / "machines" / "three_axis.toml", "workspace"
 TASKS, RANKS = 3, 2
 ENDINGS = ("undisturbed", "one task put back into the queue", "one task killed", "one task cancelled")
 TIME_LIMIT, POLL_SECONDS, SETTLE_SECONDS = 1200.0, 0.02, 10.0
-# temporary files of the jobs, too, go where they end with the campaign
+# temporary files of the jobs, too, go where they end with the trials
 PASSED_ON = "--export=HOME,USER,LOGNAME,PATH,TMPDIR"
 FILES = ("sweep.h5", "sweep.json")
 
 
 @dataclass(frozen=True)
 class SlurmPlaces:
-    """Folder of a campaign, and the variables its commands run with."""
+    """Folder of the trials, and the variables its commands run with."""
 
     root: Path
     variables: dict[str, str]
@@ -64,20 +63,18 @@ def sweep_words(folder: Path) -> list[str]:
     return [str(PROJECT / "headstock"), "sweep", str(SCENE), SWEEP, "-o", str(folder)]
 
 
-def run_slurm_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+def disturb_slurm(runs: int, *, seed: int, root: Path) -> Outcome:
     """Start Slurm, sweep on it again and again, hold each file against that of a local sweep, and stop Slurm.
 
     Args:
         runs: How many sweeps, of each kind in ``ENDINGS`` in turn.
         seed: Of which task is disturbed.
         root: Empty folder to work in.
-        on_trial: Told after each.
 
     Raises:
-        CampaignError: Slurm does not start, or the local sweep fails.
+        FaultError: Slurm does not start, or the local sweep fails.
     """
-    require_daemons()
-    outcome, chance = CampaignOutcome("slurm"), random.Random(seed)
+    outcome, chance = Outcome(), random.Random(seed)
     before = list_processes()
     root.chmod(0o755)
     (root / "slurm").mkdir()
@@ -88,10 +85,9 @@ def run_slurm_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[
             try:
                 _sweep_once(places, f"trial-{trial + 1}", ending, chance.randint(1, TASKS))
                 outcome.note_trial(ending)
-            except CampaignError as error:
+            except FaultError as error:
                 outcome.note_trial("fault")
                 outcome.faults.append(f"trial {trial + 1}, {ending}: {error}")
-            on_trial(outcome)
         outcome.notes.append(places.run("sbatch", "--version").stdout.strip())
     outcome.faults += [f"still running after Slurm was stopped: {name}" for name in _wait_for_leavers(before)]
     return outcome
@@ -120,7 +116,7 @@ def _sweep_once(places: SlurmPlaces, folder: str, ending: str, task: int) -> Non
         process.kill()
     fails = ending in ENDINGS[2:]
     if process.returncode != int(fails):
-        raise CampaignError(f"the sweep ended with {process.returncode}: {said[-1500:]}")
+        raise FaultError(f"the sweep ended with {process.returncode}: {said[-1500:]}")
     if fails:
         _check_complaint(said, task)
         _complete(places, folder, task)
@@ -135,7 +131,7 @@ def _disturb(places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]",
     end = time.monotonic() + TIME_LIMIT
     while sum(path.stat().st_size > 1000 for path in journals.glob(f"*-{task}of{TASKS}-*.journal")) == 0:
         if process.poll() is not None or time.monotonic() > end:
-            raise CampaignError(f"task {task} wrote no pose")
+            raise FaultError(f"task {task} wrote no pose")
         time.sleep(POLL_SECONDS)
     # stopped, it stays unfinished until it is ended
     _signal_task(places, folder, task, signal.SIGSTOP)
@@ -146,7 +142,7 @@ def _disturb(places: SlurmPlaces, folder: str, process: "subprocess.Popen[str]",
     job = f"{_job_number(places, folder)}_{task}"
     done = places.run("scontrol", "requeue", job) if tool == "requeue" else places.run("scancel", job)
     if done.returncode:
-        raise CampaignError(f"{tool} of {job}: {done.stderr.strip()}")
+        raise FaultError(f"{tool} of {job}: {done.stderr.strip()}")
 
 
 def _signal_task(places: SlurmPlaces, folder: str, task: int, number: signal.Signals) -> None:
@@ -165,19 +161,19 @@ def _check_complaint(said: str, task: int) -> None:
     """The command names the task, no other, and its log."""
     named = [number for number in range(1, TASKS + 1) if f"task {number} (" in said]
     if named != [task] or f"_{task}.log" not in said:
-        raise CampaignError(f"task {task} was ended, and the sweep said: {said[-1500:]}")
+        raise FaultError(f"task {task} was ended, and the sweep said: {said[-1500:]}")
 
 
 def _check_kept(places: SlurmPlaces, folder: str, task: int, *, requeued: bool) -> None:
     """The task that was begun twice computed only what it had not finished the first time."""
     log = (places.root / folder / "slurm" / f"{_job_number(places, folder)}_{task}.log").read_text(errors="replace")
     if requeued and "REQUEUE" not in log:
-        raise CampaignError(f"task {task} was not put back into the queue: {log[-1500:]}")
+        raise FaultError(f"task {task} was not put back into the queue: {log[-1500:]}")
     computed = re.findall(rf"part {task} of {TASKS}: (\d+) poses? computed", log)
     with h5py.File(places.root / folder / FILES[0], "r") as file:
         share = len(range(task - 1, len(file["positions"]), TASKS))
     if not computed or not 0 < int(computed[-1]) < share:
-        raise CampaignError(f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}")
+        raise FaultError(f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}")
 
 
 def _complete(places: SlurmPlaces, folder: str, task: int) -> None:
@@ -185,7 +181,7 @@ def _complete(places: SlurmPlaces, folder: str, task: int) -> None:
     process = places.start_sweep(folder)
     said, _ = process.communicate(timeout=TIME_LIMIT)
     if process.returncode or f"1 task ({task})" not in said:
-        raise CampaignError(f"the second sweep ended with {process.returncode}: {said[-1500:]}")
+        raise FaultError(f"the second sweep ended with {process.returncode}: {said[-1500:]}")
 
 
 def _compare(places: SlurmPlaces, folder: str) -> None:
@@ -194,10 +190,10 @@ def _compare(places: SlurmPlaces, folder: str) -> None:
     if not local.is_dir():
         done = places.run(*sweep_words(local))
         if done.returncode:
-            raise CampaignError(f"the local sweep ended with {done.returncode}: {done.stderr[-1500:]}")
+            raise FaultError(f"the local sweep ended with {done.returncode}: {done.stderr[-1500:]}")
     for name in FILES:
         if (local / name).read_bytes() != (places.root / folder / name).read_bytes():
-            raise CampaignError(f"{name} differs from that of a local sweep")
+            raise FaultError(f"{name} differs from that of a local sweep")
 
 
 def _wait_for_leavers(before: dict[int, str]) -> list[str]:

@@ -5,12 +5,14 @@ Small sound files of every kind a scene may refer to: a box of 10-node tets, its
 
 import random
 import resource
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from faults.mutations import mutate_bytes, mutate_text
+from faults.runs import FaultError, Outcome
+from faults.scene_fuzz import MACHINES
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.components import Component, Material
@@ -24,9 +26,6 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.forces import read_forces
 from headstock.studies.identification.target_files import load_targets
-from headstock.validation.campaigns.mutations import mutate_bytes, mutate_text
-from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome
-from headstock.validation.campaigns.scene_fuzz import MACHINES
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 
 SIZE = (0.04, 0.06, 0.2)
@@ -180,7 +179,7 @@ def _rows(array: Any) -> list[list[Any]]:
     return list(array.tolist())
 
 
-def run_file_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
     """Read damaged files of each kind in turn.
 
     A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor time, or a process that grows beyond
@@ -190,12 +189,11 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[Campa
         runs: How many files.
         seed: Of the damage.
         root: Empty folder to work in.
-        on_trial: Told after each file.
 
     Raises:
-        CampaignError: A sound file is refused.
+        FaultError: A sound file is refused.
     """
-    outcome, samples, earlier_mb = CampaignOutcome("files"), write_samples(root), _largest_child_mb()
+    outcome, samples, earlier_mb = Outcome(), write_samples(root), _largest_child_mb()
     (root / "scene.toml").write_text(PATH_SCENE)
     steps = sorted(MACHINES.glob("*.step"))
     if steps:
@@ -204,7 +202,7 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[Campa
     for kind, content in samples.items():
         ending = try_file(root / kind, content)
         if ending != "read":
-            raise CampaignError(f"a sound {kind} is not read: {ending}")
+            raise FaultError(f"a sound {kind} is not read: {ending}")
     for number in range(runs):
         kind = STEP if steps and number % STEP_EVERY == 0 else KINDS[number % len(KINDS)]
         damaged = _damage(kind, samples[kind], random.Random(f"{seed}/{number}"))
@@ -218,7 +216,6 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[Campa
         outcome.note_trial(f"{kind} {ending.partition(':')[0]}", seconds=seconds)
         if seconds > SECONDS_ALLOWED:
             outcome.faults.append(f"file {number} ({kind}) took {seconds:.1f} s")
-        on_trial(outcome)
     outcome.peak_mb = _largest_child_mb()
     # the largest of all children there ever were, each starting at the size of the process that forked it
     if outcome.peak_mb > max(MB_ALLOWED, earlier_mb, peak_memory_mb()):

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from headstock.validation.campaigns.runs import CampaignError
+from faults.runs import FaultError
 
 MOUNT, UNMOUNT = "mount", "umount2"
 BIND, DETACH = 4096, 2  # MS_BIND, MNT_DETACH
@@ -25,7 +25,7 @@ def enter_own_view() -> None:
     """Give this process a user and a mount namespace of its own; only while it has a single thread.
 
     Raises:
-        CampaignError: The kernel refuses.
+        FaultError: The kernel refuses.
     """
     user, group = os.geteuid(), os.getegid()
     try:
@@ -36,7 +36,7 @@ def enter_own_view() -> None:
         Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
         Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
     except OSError as error:
-        raise CampaignError(f"no file system of a chosen size can be made here: {error}") from error
+        raise FaultError(f"no file system of a chosen size can be made here: {error}") from error
 
 
 @contextlib.contextmanager
@@ -44,7 +44,7 @@ def small_disk(folder: Path, size: int) -> Iterator[Path]:
     """A tmpfs of so many bytes at a folder, inside ``enter_own_view``.
 
     Raises:
-        CampaignError: The kernel refuses.
+        FaultError: The kernel refuses.
     """
     folder.mkdir(parents=True, exist_ok=True)
     _call(MOUNT, b"tmpfs", bytes(folder), b"tmpfs", 0, f"size={size}".encode())
@@ -59,7 +59,7 @@ def bound_folder(folder: Path, source: Path) -> Iterator[None]:
     """Show a folder at another place too, inside ``enter_own_view``.
 
     Raises:
-        CampaignError: The kernel refuses.
+        FaultError: The kernel refuses.
     """
     folder.mkdir(exist_ok=True)
     _call(MOUNT, bytes(source), bytes(folder), None, BIND, None)
@@ -72,7 +72,7 @@ def bound_folder(folder: Path, source: Path) -> Iterator[None]:
 def _call(name: str, *arguments: object) -> None:
     library = ctypes.CDLL(None, use_errno=True)
     if getattr(library, name)(*arguments):
-        raise CampaignError(f"{name}: {os.strerror(ctypes.get_errno())}")
+        raise FaultError(f"{name}: {os.strerror(ctypes.get_errno())}")
 
 
 @contextlib.contextmanager
@@ -85,7 +85,7 @@ def limited_room(folder: Path, names: Sequence[str], *, limited_files: bool) -> 
         limited_files: Limit the size of each file of this process and its children instead.
 
     Raises:
-        CampaignError: The kernel refuses a file system.
+        FaultError: The kernel refuses a file system.
     """
     if limited_files:
         for name in names:

@@ -5,15 +5,14 @@ import random
 import shutil
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-from headstock.validation.campaigns.file_checks import check_files
-from headstock.validation.campaigns.runs import (
+from faults.file_checks import check_files
+from faults.runs import (
     VARIANTS,
-    CampaignError,
-    CampaignOutcome,
+    FaultError,
     Numbers,
+    Outcome,
     Places,
     finish_run,
     make_places,
@@ -31,21 +30,20 @@ AIMS = ("any time", "any time", "while a file is written")
 FORMS_EVERY = 20  # this often the compiled forms are cleared too, since compiling takes long
 
 
-def run_kill_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+def kill_runs(runs: int, *, seed: int, root: Path) -> Outcome:
     """Kill ``headstock run`` with signal 9 again and again; after each kill look at every file and let a run end.
 
     Args:
         runs: How many are killed.
         seed: Of the random times.
         root: Empty folder to work in.
-        on_trial: Told after each kill.
 
     Raises:
-        CampaignError: Not even an undisturbed run works.
+        FaultError: Not even an undisturbed run works.
     """
     chance = random.Random(seed)
     cache = root / "cache"
-    places, outcome = make_places(root, cache=cache), CampaignOutcome("kill")
+    places, outcome = make_places(root, cache=cache), Outcome()
     expected, seconds = _undisturbed(places)
     for trial in range(runs):
         variant = VARIANTS[trial % 2]
@@ -58,9 +56,8 @@ def run_kill_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[C
             outcome.note_trial(ending)
             check_remains(places, expected)
             _check_next(places, variant, expected[variant])
-        except CampaignError as error:
+        except FaultError as error:
             outcome.faults.append(f"kill {trial + 1}: {error}")
-        on_trial(outcome)
     return outcome
 
 
@@ -72,7 +69,7 @@ def _undisturbed(places: Places) -> tuple[dict[str, Numbers], float]:
         code, said = finish_run(places, variant)
         seconds = time.perf_counter() - start  # the last one, with forms compiled and nothing stored
         if code:
-            raise CampaignError(f"an undisturbed run of {variant} ended with {code}: {said}")
+            raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
         expected[variant] = read_numbers(places.results)
     return expected, seconds
 
@@ -107,7 +104,7 @@ def _require_nothing_runs(group: int) -> None:
             return
         if time.monotonic() > end:
             os.killpg(group, signal.SIGKILL)
-            raise CampaignError("a child of the killed run was still running after 10 s")
+            raise FaultError("a child of the killed run was still running after 10 s")
         time.sleep(0.01)
 
 
@@ -115,26 +112,26 @@ def check_remains(places: Places, expected: dict[str, Numbers]) -> None:
     """Check that each file a killed run leaves is whole and one of the two results.
 
     Raises:
-        CampaignError: Names the file that is not.
+        FaultError: Names the file that is not.
     """
     check_files(places.results)
     for numbers in (read_results(places.results / "results.h5"), read_summary_numbers(places.results / "summary.json")):
         if not any(numbers.equal(known) for known in expected.values()):
-            raise CampaignError("a file holds numbers of neither variant")
+            raise FaultError("a file holds numbers of neither variant")
 
 
 def _check_next(places: Places, variant: str, expected: Numbers) -> None:
     """The next run ends well, gives the numbers of an undisturbed one, and clears what the killed one left."""
     code, said = finish_run(places, variant)
     if code:
-        raise CampaignError(f"the next run ended with {code}: {said}")
+        raise FaultError(f"the next run ended with {code}: {said}")
     if not read_numbers(places.results).equal(expected):
-        raise CampaignError("the next run found other numbers")
+        raise FaultError("the next run found other numbers")
     end = time.monotonic() + SETTLE_SECONDS
     while left := check_files(places.results) + check_files(places.store) + _foreign_names(places.temporary):
         # a picture that was being drawn when the run was killed may still be drawn, and cleared after that
         if time.monotonic() > end:
-            raise CampaignError(f"the next run left behind: {', '.join(left)}")
+            raise FaultError(f"the next run left behind: {', '.join(left)}")
         time.sleep(0.1)
 
 

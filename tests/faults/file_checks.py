@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 
 import h5py
 
+from faults.runs import FaultError
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.campaigns.runs import CampaignError
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PAGE_START, PAGE_END = b"<!doctype html>", b"</script>\n</body>\n</html>"
@@ -29,7 +29,7 @@ def check_files(folder: Path) -> list[str]:
     """Check that every file below a folder is whole, as far as its kind shows; return the temporaries that were found.
 
     Raises:
-        CampaignError: Names the torn file.
+        FaultError: Names the torn file.
     """
     temporaries = []
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
@@ -46,13 +46,13 @@ def check_file(path: Path) -> None:
     """Check that one file is whole.
 
     Raises:
-        CampaignError: It is not.
+        FaultError: It is not.
     """
     content = path.read_bytes()
     try:
         CHECKS.get(path.suffix, _check_any)(content)
     except TORN as error:
-        raise CampaignError(f"{path} is torn ({len(content)} bytes): {error}") from error
+        raise FaultError(f"{path} is torn ({len(content)} bytes): {error}") from error
 
 
 def _check_hdf5(content: bytes) -> None:

@@ -1,14 +1,13 @@
 """Scene files damaged at random: each loads, or is refused with a list of problems; none costs much time or memory."""
 
-import json
 import random
-import subprocess
-import sys
 import time
 import traceback
-from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+from faults.mutations import mutate_text
+from faults.runs import FaultError, Outcome, in_own_process
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.planning.planner import plan_scene
@@ -16,14 +15,11 @@ from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.validation.campaigns.mutations import mutate_text
-from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome
 
 MACHINES = PROJECT / "machines"
 SECONDS_ALLOWED = 1.0
 MB_ALLOWED = 256.0
 CHUNK = 2000
-MODULE = "headstock.validation.campaigns.scene_fuzz"
 SETTINGS = (
     "components.column.fidelity=rigid",
     "joints.clamp.kind=[1",
@@ -35,7 +31,7 @@ SETTINGS = (
 )
 
 
-def run_scene_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+def run_scene_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
     """Load and plan damaged copies of the shipped scenes, in child processes of ``CHUNK`` scenes each.
 
     A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor time, or a process that grows beyond
@@ -45,25 +41,21 @@ def run_scene_fuzz(runs: int, *, seed: int, root: Path, on_trial: Callable[[Camp
         runs: How many scenes.
         seed: Of the damage; scene number n is the same whatever the other arguments.
         root: Empty folder to work in.
-        on_trial: Told after each chunk.
     """
-    outcome = CampaignOutcome("fuzz")
+    outcome = Outcome()
     for first in range(0, runs, CHUNK):
         count = min(CHUNK, runs - first)
-        command = [sys.executable, "-P", "-m", MODULE, str(root), str(seed), str(first), str(count)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
+        outcome.trials += count
+        try:
+            found = in_own_process(_fuzz, root, seed, first, count)
+        except BrokenProcessPool as error:
             last = (root / "number").read_text() if (root / "number").exists() else "?"
-            outcome.faults.append(f"scene {last} ended the process with {done.returncode}: {done.stderr.strip()[-500:]}")
-            outcome.trials += count
-        else:
-            found = json.loads(done.stdout)
-            outcome.trials += count
-            outcome.happened.update(found["happened"])
-            outcome.faults += found["faults"]
-            outcome.slowest_seconds = max(outcome.slowest_seconds, found["slowest_seconds"])
-            outcome.peak_mb = max(outcome.peak_mb, found["peak_mb"])
-        on_trial(outcome)
+            outcome.faults.append(f"scene {last} ended the process: {error}")
+            continue
+        outcome.happened.update(found.happened)
+        outcome.faults += found.faults
+        outcome.slowest_seconds = max(outcome.slowest_seconds, found.slowest_seconds)
+        outcome.peak_mb = max(outcome.peak_mb, found.peak_mb)
     if outcome.peak_mb > MB_ALLOWED:
         outcome.faults.append(f"a process grew to {outcome.peak_mb:.0f} MB, {MB_ALLOWED:.0f} are allowed")
     return outcome
@@ -79,11 +71,11 @@ def shipped_texts() -> tuple[str, ...]:
     """The scenes that are damaged.
 
     Raises:
-        CampaignError: There are none beside the program.
+        FaultError: There are none beside the program.
     """
     texts = tuple(path.read_text() for path in sorted(MACHINES.glob("*.toml")))
     if not texts:
-        raise CampaignError(f"no scenes in {MACHINES}; start the campaign from a checkout")
+        raise FaultError(f"no scenes in {MACHINES}")
     return texts
 
 
@@ -97,7 +89,7 @@ def try_scene(path: Path, overrides: tuple[str, ...]) -> str:
         scene = load_scene(path, overrides=overrides)
     except SceneError as error:
         if not error.problems or len(str(error)) > 100_000:
-            raise CampaignError(f"{len(error.problems)} problems in {len(str(error))} characters") from error
+            raise FaultError(f"{len(error.problems)} problems in {len(str(error))} characters") from error
         return "refused"
     if any(isinstance(component.solid, StepFile | MeshFile) for component in scene.machine.components.values()):
         return "loaded"
@@ -108,8 +100,8 @@ def try_scene(path: Path, overrides: tuple[str, ...]) -> str:
     return "loaded and planned"
 
 
-def _fuzz(root: Path, seed: int, first: int, count: int) -> CampaignOutcome:
-    outcome, texts = CampaignOutcome("fuzz"), shipped_texts()
+def _fuzz(root: Path, seed: int, first: int, count: int) -> Outcome:
+    outcome, texts = Outcome(), shipped_texts()
     path = root / "scene.toml"
     for number in range(first, first + count):
         (root / "number").write_text(str(number))
@@ -127,15 +119,3 @@ def _fuzz(root: Path, seed: int, first: int, count: int) -> CampaignOutcome:
             outcome.faults.append(f"scene {number} took {seconds:.2f} s")
     outcome.peak_mb = peak_memory_mb()
     return outcome
-
-
-def main(arguments: list[str]) -> int:
-    """Fuzz one chunk in this process and print what happened as JSON."""
-    outcome = _fuzz(Path(arguments[0]), *(int(word) for word in arguments[1:]))
-    found = {name: getattr(outcome, name) for name in ("happened", "faults", "slowest_seconds", "peak_mb")}
-    sys.stdout.write(json.dumps(found))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -4,31 +4,29 @@ One run after the other on a disk that fills up: a named error or a right result
 studies on a disk that fills up: a named error or a right result, nothing torn, nothing lost.
 """
 
-import json
 import os
 import random
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.campaigns.file_checks import check_file, check_files
-from headstock.validation.campaigns.resume import SCENE as LONG_SCENE
-from headstock.validation.campaigns.resume import find_difference, read_content, start_resumable
-from headstock.validation.campaigns.runs import (
+from faults.file_checks import check_file, check_files
+from faults.resume import SCENE as LONG_SCENE
+from faults.resume import find_difference, read_content, start_resumable
+from faults.runs import (
     VARIANTS,
-    CampaignError,
-    CampaignOutcome,
+    FaultError,
     Numbers,
+    Outcome,
     Places,
     finish_run,
+    in_own_process,
     make_places,
     read_numbers,
     wait_for_end,
 )
-from headstock.validation.campaigns.small_disks import enter_own_view, limited_room
+from faults.small_disks import enter_own_view, limited_room
+from headstock.pipeline.storage.outputs import LIST_FILE
 
 NAMED = ("No space left", "File too large", "MB free", "disk is full")
 MOST_ROOM = 1.2  # of what an undisturbed one writes
@@ -53,7 +51,6 @@ MOST_STARTS = 4
 Bytes = dict[str, bytes]
 # folder of scene and store, folder of results, kind, variant, environment; exit code and what was said on standard error
 Start = Callable[[Path, Path, str, str | None, Mapping[str, str]], tuple[int, str]]
-MODULE = "headstock.validation.campaigns.disk"
 # what fills its disk, in turn; the last on two ranks
 KINDS = ("run", *RESUMED)
 
@@ -62,10 +59,10 @@ def require_named(code: int, said: str) -> None:
     """Check that what did not end well ended with 1 and with words about the disk.
 
     Raises:
-        CampaignError: It did not.
+        FaultError: It did not.
     """
     if code != 1 or "Traceback" in said or "internal error" in said or not any(words in said for words in NAMED):
-        raise CampaignError(f"it ended with {code} and said: {said.strip()[-500:]}")
+        raise FaultError(f"it ended with {code} and said: {said.strip()[-500:]}")
 
 
 class RunTrials:
@@ -75,7 +72,7 @@ class RunTrials:
         """Run both variants undisturbed.
 
         Raises:
-            CampaignError: One of them does not work.
+            FaultError: One of them does not work.
         """
         places = make_places(root)
         self._limited_files, self._old = limited_files, places.results
@@ -83,7 +80,7 @@ class RunTrials:
         for variant in reversed(VARIANTS):
             code, said = finish_run(places, variant)
             if code:
-                raise CampaignError(f"an undisturbed run of {variant} ended with {code}: {said}")
+                raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
             self._expected[variant] = read_numbers(places.results)
         folders = (places.results, places.store)
         self._needed = sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file())
@@ -92,7 +89,7 @@ class RunTrials:
         """Run with a share of the room needed, in a folder of its own; how it ended, in words.
 
         Raises:
-            CampaignError: An end without a named error, a changed old result, a temporary left behind, other numbers.
+            FaultError: An end without a named error, a changed old result, a temporary left behind, other numbers.
         """
         shared = SHARED[turn % len(SHARED)]
         # where temporary files are on the small disk, forms are compiled too: the compiler writes there
@@ -107,18 +104,18 @@ class RunTrials:
         wanted = self._expected[VARIANTS[1]]
         code, said = finish_run(places, VARIANTS[1])
         if check_files(places.results):
-            raise CampaignError(f"temporaries stayed behind: {check_files(places.results)}")
+            raise FaultError(f"temporaries stayed behind: {check_files(places.results)}")
         found = read_numbers(places.results)
         if code == 0:
             if not found.equal(wanted):
-                raise CampaignError("the run ended with 0 and other numbers")
+                raise FaultError("the run ended with 0 and other numbers")
             return "enough room: the right result"
         require_named(code, said)
         if found.equal(wanted):
             return "exit 1 for want of room for the report; the new result whole"
         for name in ("results.h5", "summary.json"):
             if (places.results / name).read_bytes() != before[Path(name)]:
-                raise CampaignError(f"the run ended with 1 and changed {name}")
+                raise FaultError(f"the run ended with 1 and changed {name}")
         return "exit 1: the old result as it was"
 
 
@@ -140,7 +137,7 @@ class ResumeTrials:
             start: How one is started; in a process of its own unless told otherwise.
 
         Raises:
-            CampaignError: One of them does not work.
+            FaultError: One of them does not work.
         """
         self._kind, self._limited_files, self._scene, self._run = kind, limited_files, scene, start or _run_process
         self._old, self.results = root / "old", root / "results"
@@ -150,7 +147,7 @@ class ResumeTrials:
                 shutil.copytree(self._old, self.results)
             code, said = self._start(root, folder, variant)
             if code:
-                raise CampaignError(f"an undisturbed {kind} ended with {code}: {said}")
+                raise FaultError(f"an undisturbed {kind} ended with {code}: {said}")
         self._expected, self._content = _read_files(self.results), read_content(self.results)
         self._before = _read_files(self._old)
         self._growing = sum(len(content) for content in _read_growing(self.results).values())
@@ -161,7 +158,7 @@ class ResumeTrials:
         """Start with a share of the room needed, and again with more until it ends well; how it ended, in words.
 
         Raises:
-            CampaignError: An end without a named error, a torn file, a finished pose or point lost, another content in the end.
+            FaultError: An end without a named error, a torn file, a finished pose or point lost, another content in the end.
         """
         # Open MPI keeps files of its own where temporary files are
         choices = SHARED if "ranks" not in self._kind else [names for names in SHARED if TEMPORARY not in names]
@@ -184,7 +181,7 @@ class ResumeTrials:
                     return f"the right result after {', '.join(said_before)}" if start else "enough room: the right result"
                 require_named(code, said)
                 said_before.append(said.partition(":")[0].splitlines()[-1])
-        raise CampaignError("it ended with 1 and enough room")
+        raise FaultError("it ended with 1 and enough room")
 
     def _start(self, root: Path, folder: Path, variant: str | None, *, own_cache: bool = False) -> tuple[int, str]:
         (root / "scene.toml").write_text(self._scene)
@@ -196,25 +193,25 @@ class ResumeTrials:
         """Every file is whole, and the old or the new one; what was finished before the start is there still."""
         for name, content in _read_files(results).items():
             if Path(name).name.startswith("."):
-                raise CampaignError(f"a temporary stayed behind: {name}")
+                raise FaultError(f"a temporary stayed behind: {name}")
             if name in TIMED:
                 check_file(results / name)
             elif content not in (self._before.get(name), self._expected.get(name)):
-                raise CampaignError(f"{name} is neither the old nor the new one")
+                raise FaultError(f"{name} is neither the old nor the new one")
         growing = _read_growing(results)
         for name, content in finished.items():
             if name in growing and not growing[name].startswith(content):
-                raise CampaignError(f"{name} lost what was finished before")
+                raise FaultError(f"{name} lost what was finished before")
 
     def _require_whole(self, results: Path) -> None:
         found = _read_files(results)
         if found.keys() != self._expected.keys():
-            raise CampaignError(f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}")
+            raise FaultError(f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}")
         for name, content in self._expected.items():
             if name not in TIMED and found[name] != content:
-                raise CampaignError(f"{name} differs from that of an undisturbed one")
+                raise FaultError(f"{name} differs from that of an undisturbed one")
         if self._kind == "study" and (difference := find_difference(read_content(results), self._content)):
-            raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
+            raise FaultError(f"the content is not that of an undisturbed one: {difference}")
 
 
 def _read_files(folder: Path) -> Bytes:
@@ -236,38 +233,27 @@ def _run_process(root: Path, folder: Path, kind: str, variant: str | None, place
     return process.returncode, said
 
 
-def run_disk_campaign(
-    runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None], kinds: Sequence[str] = KINDS
-) -> CampaignOutcome:
+def fill_disks(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS) -> Outcome:
     """Work into a file system (tmpfs) with too little or just enough room left; where none can be made, with a file size limit.
 
     Args:
         runs: How many.
         seed: Of the random sizes, which go from no room to enough.
         root: Empty folder to work in.
-        on_trial: Told at the end.
         kinds: Which of ``KINDS`` are tried in turn.
 
     Raises:
-        CampaignError: Not even undisturbed ones work.
+        FaultError: Not even undisturbed ones work.
     """
-    # in a process of its own, because one that has threads cannot change its view of the file system
-    command = [sys.executable, "-P", "-m", MODULE, str(root), str(runs), str(seed), *kinds]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise CampaignError(f"the campaign ended with {done.returncode}: {done.stderr.strip()[-2000:]}")
-    found = json.loads(done.stdout)
-    outcome = CampaignOutcome("disk", found["trials"], faults=found["faults"], notes=found["notes"])
-    outcome.happened.update(found["happened"])
-    on_trial(outcome)
-    return outcome
+    # one that has threads cannot change its view of the file system
+    return in_own_process(_fill_disks, root, runs, seed, kinds)
 
 
-def _campaign(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> CampaignOutcome:
-    outcome, chance = CampaignOutcome("disk"), random.Random(seed)
+def _fill_disks(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> Outcome:
+    outcome, chance = Outcome(), random.Random(seed)
     try:
         enter_own_view()
-    except CampaignError as error:
+    except FaultError as error:
         outcome.notes.append(f"{error}; a limit on the size of each file took its place")
     limited = bool(outcome.notes)
     kinds = [kind for kind in kinds if shutil.which("mpirun") or "ranks" not in kind]
@@ -283,19 +269,7 @@ def _campaign(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> Campaig
         share = (turn + chance.random()) / -(-runs // len(kinds))
         try:
             outcome.note_trial(f"{kind}: {trials[kind].attempt(root / f'trial-{trial}', share, turn)}")
-        except CampaignError as error:
+        except FaultError as error:
             outcome.note_trial(f"{kind}: fault")
             outcome.faults.append(f"trial {trial + 1} ({kind}, {share:.3f} of all room): {error}")
     return outcome
-
-
-def main(arguments: list[str]) -> int:
-    """Run the campaign in this process and print its outcome as JSON."""
-    outcome = _campaign(Path(arguments[0]), int(arguments[1]), int(arguments[2]), arguments[3:])
-    fields = {"trials": outcome.trials, "happened": outcome.happened, "faults": outcome.faults, "notes": outcome.notes}
-    sys.stdout.write(json.dumps(fields))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

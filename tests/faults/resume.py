@@ -8,15 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from faults.runs import FaultError, Outcome, wait_for_end
 from headstock.studies.sweeps.journals import count_poses
-from headstock.validation.campaigns.runs import CampaignError, CampaignOutcome, wait_for_end
 
 SCENE = """
 name = "Resumed"
@@ -71,21 +71,21 @@ EQUAL, SINGLE = 1e-10, 1e-4  # of numbers, and of shapes in single precision
 Content = dict[str, Any]
 
 
-def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[[CampaignOutcome], None]) -> CampaignOutcome:
+def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS) -> Outcome:
     """Kill a sweep or a study with signal 9 and start it again, until it ends; then begin anew.
 
     Args:
         runs: How many are killed.
         seed: Of the random times.
         root: Empty folder to work in.
-        on_trial: Told after each kill.
+        kinds: Which of ``KINDS`` are killed in turn.
 
     Raises:
-        CampaignError: Not even an undisturbed one works.
+        FaultError: Not even an undisturbed one works.
     """
-    chance, outcome = random.Random(seed), CampaignOutcome("resume")
+    chance, outcome = random.Random(seed), Outcome()
     (root / "scene.toml").write_text(SCENE)
-    kinds = [kind for kind in KINDS if shutil.which("mpirun") or "ranks" not in kind]
+    kinds = [kind for kind in kinds if shutil.which("mpirun") or "ranks" not in kind]
     expected = {kind: _leave_alone(root, kind) for kind in kinds}
     for trial in range(runs):
         kind = kinds[trial % len(kinds)]
@@ -95,16 +95,15 @@ def run_resume_campaign(runs: int, *, seed: int, root: Path, on_trial: Callable[
             ending = _kill_one(start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1]))
             outcome.note_trial(f"{kind}: {ending}")
             if _count_finished(folder) < finished_before:
-                raise CampaignError("finished ones were lost")
+                raise FaultError("finished ones were lost")
             if ending == "had ended before the kill" or chance.random() < 0.3:
                 _finish(root, folder, kind, expected[kind][0])
-        except CampaignError as error:
+        except FaultError as error:
             outcome.faults.append(f"kill {trial + 1} ({kind}): {error}")
-        on_trial(outcome)
     for kind in kinds:
         try:
             _finish(root, root / kind.replace(" ", "-"), kind, expected[kind][0])
-        except CampaignError as error:
+        except FaultError as error:
             outcome.faults.append(f"at the end ({kind}): {error}")
     return outcome
 
@@ -113,7 +112,7 @@ def read_content(folder: Path) -> Content:
     """What a sweep or a study found, without what it cost: names and their arrays, words or JSON.
 
     Raises:
-        CampaignError: A file is missing or torn.
+        FaultError: A file is missing or torn.
     """
     try:
         if (folder / "sweep.h5").is_file():
@@ -122,7 +121,7 @@ def read_content(folder: Path) -> Content:
         records = [json.loads(line) for line in (folder / "points.jsonl").read_text().splitlines()]
         listing = json.loads((folder / "study.json").read_text())
     except (OSError, ValueError) as error:
-        raise CampaignError(f"{folder} is torn: {error}") from error
+        raise FaultError(f"{folder} is torn: {error}") from error
     kept: Content = {
         record["key"]: json.dumps([record["status"], record["summary"]["modal"], record["summary"]["static"]]) for record in records
     }
@@ -173,7 +172,7 @@ def _finish(root: Path, folder: Path, kind: str, expected: Content) -> None:
     _require_done(start_resumable(root, folder, kind))
     difference = find_difference(read_content(folder), expected)
     if difference:
-        raise CampaignError(f"the content is not that of an undisturbed one: {difference}")
+        raise FaultError(f"the content is not that of an undisturbed one: {difference}")
     shutil.rmtree(folder)
 
 
@@ -201,7 +200,7 @@ def start_resumable(
 def _require_done(process: "subprocess.Popen[str]") -> None:
     said = wait_for_end(process)
     if process.returncode:
-        raise CampaignError(f"it ended with {process.returncode}: {said[-500:]}")
+        raise FaultError(f"it ended with {process.returncode}: {said[-500:]}")
 
 
 def _kill_one(process: "subprocess.Popen[str]", folder: Path, delay: float) -> str:

@@ -1,1 +1,0 @@
-"""Faults on purpose: damaged files, full disks, kills, Slurm. Never numbers."""
