@@ -1,5 +1,6 @@
 """Joints between interfaces, and the axes that move one side of them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -110,3 +111,21 @@ class Axis:
     kind: Literal["linear", "rotary"] = "linear"
     center: FloatArray = field(default_factory=lambda: np.zeros(3))
     limits: tuple[float, float] = (-np.inf, np.inf)
+
+
+def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> list[list[str]]:
+    """Groups of what edges connect, directly or by way of others.
+
+    Args:
+        names: All there are, in the order in which groups and their members are listed; names of edges beside them come last.
+        edges: Pairs of names.
+    """
+    group_of = {name: [name] for name in names}
+    for edge in edges:
+        small, large = sorted((group_of.setdefault(name, [name]) for name in edge), key=len)
+        if small is not large:
+            large.extend(small)
+            group_of.update(dict.fromkeys(small, large))
+    place = {name: number for number, name in enumerate(group_of)}
+    distinct = {id(group): group for group in group_of.values()}
+    return [sorted(group, key=place.__getitem__) for group in distinct.values()]

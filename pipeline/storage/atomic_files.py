@@ -1,4 +1,4 @@
-"""Files that are either the old one or the whole new one, whatever happens while they are written."""
+"""Files that are either the old one or the whole new one, and appended to wholly or not, whatever happens while they are written."""
 
 import contextlib
 import fcntl
@@ -52,7 +52,7 @@ class PendingFiles:
         for _handle, temporary, path in self._waiting:
             temporary.replace(path)
         for folder in {path.parent for _handle, _temporary, path in self._waiting}:
-            _flush_folder(folder)
+            flush_folder(folder)
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
@@ -74,7 +74,7 @@ def lock_folder(folder: Path) -> Iterator[bool]:
     """
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield _lock(handle)
+        yield lock_file(handle)
     finally:
         os.close(handle)
 
@@ -82,7 +82,7 @@ def lock_folder(folder: Path) -> Iterator[bool]:
 def _open_temporary(path: Path) -> tuple[int, Path]:
     while True:
         handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix=SUFFIX, dir=path.parent)
-        _lock(handle)
+        lock_file(handle)
         if os.fstat(handle).st_nlink:
             return handle, Path(name)
         os.close(handle)  # another writer took it for abandoned before it was locked
@@ -108,7 +108,31 @@ def _prefix(path: Path) -> str:
     return f".{path.name}.headstock-"
 
 
-def _lock(handle: int) -> bool:
+def append_whole(handle: int, content: bytes, *, flush: bool = True) -> None:
+    """Append all of the content to an open file or, where that fails, nothing.
+
+    Args:
+        handle: Of a file open for appending.
+        content: To append, at once.
+        flush: Wait until it is on the disk.
+
+    Raises:
+        OSError: The disk is full or the device reports an error.
+    """
+    end = os.fstat(handle).st_size
+    try:
+        if os.write(handle, content) != len(content):
+            raise OSError("the disk is full")
+        if flush:
+            os.fsync(handle)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, end)
+        raise
+
+
+def lock_file(handle: int) -> bool:
+    """Keep an open file for this process; False where another one has it, True on file systems without locks."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -118,7 +142,8 @@ def _lock(handle: int) -> bool:
     return True
 
 
-def _flush_folder(folder: Path) -> None:
+def flush_folder(folder: Path) -> None:
+    """Let the names in a folder reach the disk."""
     # some network file systems refuse to open folders; the rename itself has already happened
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)

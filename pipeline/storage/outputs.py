@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.storage.atomic_files import PendingFiles, lock_folder, remove_abandoned, write_atomically
+from headstock.pipeline.storage.atomic_files import PendingFiles, append_whole, lock_folder, remove_abandoned, write_atomically
 
 LIST_FILE = ".headstock-files"
 # a list is shortened beyond this size: many runs into one folder, of which only the last counts
@@ -342,14 +342,7 @@ def _note(folder: Path, digests: Mapping[str, str]) -> None:
             _replace_list(folder, _shorten(folder, _parse_list(before), digests))
             return
         text = b"\n" * (bool(before) and not before.endswith(b"\n")) + _format_list({name: [one] for name, one in digests.items()})
-        try:
-            if os.write(handle, text) != len(text):
-                raise OSError("the disk is full")
-            os.fsync(handle)
-        except OSError:
-            with contextlib.suppress(OSError):
-                os.ftruncate(handle, len(before))
-            raise
+        append_whole(handle, text)
 
 
 def _shorten(folder: Path, written: Written, digests: Mapping[str, str]) -> Written:

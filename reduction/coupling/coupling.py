@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.reduction.coupling.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
-from headstock.reduction.coupling.joint_springs import JointSpring, connected_groups, grade_springs, place_joints, reduce_spring
+from headstock.reduction.coupling.joint_springs import JointSpring, floating_groups, grade_springs, place_joints, reduce_spring
 from headstock.reduction.coupling.matrices import (
     ComponentMatrices,
     CouplingMemo,
@@ -101,7 +101,7 @@ def couple(
     elimination = eliminate_constraints(constraints, grading.group_rows(springs), scale_dofs(layout))
     reduced = tuple(reduce_spring(spring, elimination) for spring in springs)
     basis = elimination.basis
-    floating = connected_groups(machine, {name: part.supported for name, part in superelements.items()})
+    floating = floating_groups(machine, {name: part.supported for name, part in superelements.items()})
     ports = machine_ports(layout, machine, basis, memo.ports)
     return CoupledMachine(
         system=SecondOrderSystem(

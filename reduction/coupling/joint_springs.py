@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
-from headstock.geometry.machine.joints import Joint, JointEnd, ScrewShaft
+from headstock.geometry.machine.joints import GROUND, Joint, JointEnd, ScrewShaft, connected_groups
 from headstock.geometry.machine.machine import Machine
 from headstock.reduction.coupling.dof_layout import (
     DOFS_OF_A_BODY,
@@ -196,31 +196,21 @@ def place_joints(machine: Machine, layout: DofLayout) -> tuple[JointSpring, ...]
     return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
 
 
-def connected_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
+def floating_groups(machine: Machine, held: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
     """Groups of components that hang together by joints but not with ground.
 
     Args:
         machine: Its joints that hold or spring at least one dof connect.
         held: Whether each component is itself supported.
     """
-    parent = {name: name for name in ("", *machine.components)}
-
-    def root(name: str) -> str:
-        while parent[name] != name:
-            name = parent[name]
-        return name
-
-    links = [(name, "") for name, is_held in held.items() if is_held]
+    links = [(name, GROUND) for name, is_held in held.items() if is_held]
     links += [
-        (joint.ends[0].component or "", joint.ends[1].component or "") for joint in machine.joints.values() if _connects(joint)
+        (joint.ends[0].component or GROUND, joint.ends[1].component or GROUND)
+        for joint in machine.joints.values()
+        if _connects(joint)
     ]
-    for first, second in links:
-        parent[root(first)] = root(second)
-    groups: dict[str, list[str]] = {}
-    for name in machine.components:
-        if root(name) != root(""):
-            groups.setdefault(root(name), []).append(name)
-    return tuple(tuple(group) for group in groups.values())
+    groups = connected_groups((GROUND, *machine.components), links)
+    return tuple(tuple(group) for group in groups if GROUND not in group)
 
 
 def _connects(joint: Joint) -> bool:

@@ -1,12 +1,12 @@
 """Axes and poses: what axes move, what they stand on, where they may stand, and what may be wrong with them."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.joints import GROUND, Axis, Joint
+from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
@@ -77,31 +77,12 @@ def axis_units(scene: SceneTable) -> dict[str, str]:
     return units
 
 
-def reachable_from_ground(edges: Iterable[Edge]) -> frozenset[str]:
-    """Components with a chain of edges to ground; an edge names two components or ground."""
-    neighbours: dict[str, set[str]] = {}
-    for first, second in edges:
-        neighbours.setdefault(first, set()).add(second)
-        neighbours.setdefault(second, set()).add(first)
-    reached, frontier = {GROUND}, [GROUND]
-    while frontier:
-        fresh = neighbours.get(frontier.pop(), set()) - reached
-        reached |= fresh
-        frontier.extend(fresh)
-    return frozenset(reached - {GROUND})
-
-
-def floating_groups(components: Iterable[str], edges: Iterable[Edge]) -> list[list[str]]:
+def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:
     """Groups of connected components without a chain to ground, in the order of the scene."""
-    edges = list(edges)
-    left = [name for name in components if name not in reachable_from_ground(edges)]
-    groups: list[list[str]] = []
-    while left:
-        seeded = [*((first, second) for first, second in edges if GROUND not in (first, second)), (GROUND, left[0])]
-        group = reachable_from_ground(seeded)
-        groups.append([name for name in left if name in group])
-        left = [name for name in left if name not in group]
-    return groups
+    known = set(components)
+    groups = connected_groups((GROUND, *components), edges)
+    # a support may name what is no component
+    return [[name for name in group if name in known] for group in groups if GROUND not in group and known & set(group)]
 
 
 def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joints: Iterable[str]) -> tuple[str, ...]:
@@ -116,8 +97,8 @@ def moved_components(components: Iterable[str], edges: Mapping[str, Edge], joint
         Names in the order of the scene; those that reach ground in no case are left out.
     """
     own = set(joints)
-    before = reachable_from_ground(edges.values())
-    after = reachable_from_ground(edge for name, edge in edges.items() if name not in own)
+    before, *_ = connected_groups((GROUND,), edges.values())
+    after, *_ = connected_groups((GROUND,), (edge for name, edge in edges.items() if name not in own))
     return tuple(name for name in components if name in before and name not in after)
 
 

@@ -57,17 +57,49 @@ def pair_modes(first: ModeSet, second: ModeSet, *, same_from: float = SAME_MODE)
         second: The other's.
         same_from: Correlation below which two modes are not the same.
 
-    Source: Kuhn (1955), optimal assignment; Bjoerck and Golub (1973), angles between spaces.
+    Source: Bjoerck and Golub (1973), angles between spaces.
     """
     if not first.field.size or not second.field.size:
         return ()
     plain = correlate_modes(first.field, second.field)
     spanned = np.maximum(plain, _cluster_correlations(first, second))
     nearness = 1.0 / (1.0 + np.abs(np.log(_positive(first.frequencies_hz)[:, None] / _positive(second.frequencies_hz))))
-    gain = np.where(spanned >= same_from, spanned + SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, 0.0)
-    rows, columns = linear_sum_assignment(gain, maximize=True)
-    chosen = [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if spanned[i, j] >= same_from]
-    return tuple(ModePair(i, j, float(spanned[i, j])) for i, j in chosen)
+    return tuple(assign_modes(spanned, SHAPE_WEIGHT * plain + NEARNESS_WEIGHT * nearness, same_from=same_from))
+
+
+def assign_modes(correlations: FloatArray, tie_break: FloatArray, *, same_from: float = SAME_MODE) -> list[ModePair]:
+    """The pairs, each mode used once, with the largest sum of correlations.
+
+    Args:
+        correlations: ``(m_1, m_2)`` squares of cosines.
+        tie_break: ``(m_1, m_2)`` small numbers that decide where correlations are alike.
+        same_from: Correlation below which two modes are not the same.
+
+    Source: Kuhn (1955).
+    """
+    rows, columns = linear_sum_assignment(np.where(correlations >= same_from, correlations + tie_break, 0.0), maximize=True)
+    pairs = [ModePair(int(i), int(j), float(correlations[i, j])) for i, j in zip(rows, columns, strict=True)]
+    return [pair for pair in pairs if pair.correlation >= same_from]
+
+
+def match_frequencies(
+    logs: FloatArray, wanted_logs: FloatArray, *, sigmas: FloatArray | float = 1.0, costs: FloatArray | float = 0.0
+) -> tuple[int, ...]:
+    """Which mode meets each wanted frequency, where shapes alone do not tell: the smallest sum of squared distances and costs.
+
+    Args:
+        logs: ``(m,)`` logarithms of the modes' frequencies.
+        wanted_logs: ``(t,)`` of those wanted, no more than there are modes.
+        sigmas: ``(t,)`` distances that count as one.
+        costs: ``(t, m)`` what each pair costs besides.
+
+    Returns:
+        ``t`` indices of modes.
+
+    Source: Kuhn (1955).
+    """
+    distances = (logs[None, :] - wanted_logs[:, None]) / np.reshape(sigmas, (-1, 1))
+    return tuple(int(column) for column in linear_sum_assignment(distances**2 + costs)[1])
 
 
 def find_clusters(modes: ModeSet) -> list[list[int]]:

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import SAME_MODE, SHAPE_WEIGHT, ModeSet, find_clusters
+from headstock.solvers.linear.mode_pairing import SAME_MODE, SHAPE_WEIGHT, ModeSet, assign_modes, find_clusters
 
 IntArray = NDArray[np.int64]
 Edges = Sequence[tuple[int, int]]
@@ -159,10 +158,8 @@ def _assign(modes: ModeSet, before: _Node, cosines: FloatArray) -> Iterator[tupl
         spanned[:, members] = plain[:, members].sum(axis=1, keepdims=True)
     spanned[before.labels < NOBODY] = 0.0
     spanned[:, : modes.rigid_count] = 0.0
-    gain = np.where(spanned >= SAME_MODE, spanned + SHAPE_WEIGHT * plain, 0.0)
-    for old, new in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
-        if spanned[old, new] >= SAME_MODE:
-            yield int(old), int(new), min(1.0, float(spanned[old, new]))
+    for pair in assign_modes(spanned, SHAPE_WEIGHT * plain):
+        yield pair.first, pair.second, min(1.0, pair.correlation)
 
 
 def _turn_cluster(cosines: FloatArray, before: IntArray, labels: IntArray, members: list[int]) -> FloatArray:

@@ -9,12 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, linear_sum_assignment
+from scipy.optimize import least_squares
 from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.linear.mode_pairing import match_frequencies
 from headstock.studies.identification.problem import (
     FitPoint,
     FitProblem,
@@ -122,9 +123,8 @@ def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
 def _pair(case: _LinearCase, move: FloatArray) -> Pairing:
     if not len(case.wanted):
         return Pairing(())
-    gaps = (case.logs + case.slopes @ move)[None, :] - case.wanted[:, None]
-    cost = (gaps / case.sigmas[:, None]) ** 2 + case.shape_costs
-    return Pairing(tuple(int(column) for column in linear_sum_assignment(cost)[1]))
+    logs = case.logs + case.slopes @ move
+    return Pairing(match_frequencies(logs, case.wanted, sigmas=case.sigmas, costs=case.shape_costs))
 
 
 def _solve(

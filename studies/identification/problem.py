@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.linear.mode_pairing import match_frequencies
 from headstock.studies.identification.cases import CaseModel, CaseSlope, CaseState, slope_motions, solve_case
 from headstock.studies.identification.targets import ComplianceTarget, FitSettings, Parameter, ShapeTarget
 
@@ -18,7 +19,7 @@ class Pairing:
     modes: tuple[int, ...]
 
 
-def pair_modes(state: CaseState) -> Pairing:
+def pair_targets(state: CaseState) -> Pairing:
     """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and shapes.
 
     Held-out targets take part: they are told apart by what is known of them, and add nothing to the fit.
@@ -26,9 +27,9 @@ def pair_modes(state: CaseState) -> Pairing:
     targets = state.model.case.modes
     if not targets:
         return Pairing(())
-    distance = np.log(state.frequencies_hz[None, :] / np.array([target.frequency_hz for target in targets])[:, None])
-    cost = (distance / np.array([target.sigma for target in targets])[:, None]) ** 2 + shape_costs(state)
-    return Pairing(tuple(int(column) for column in linear_sum_assignment(cost)[1]))
+    wanted = np.log([target.frequency_hz for target in targets])
+    sigmas = np.array([target.sigma for target in targets])
+    return Pairing(match_frequencies(np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)))
 
 
 def shape_costs(state: CaseState) -> FloatArray:
@@ -255,7 +256,7 @@ def evaluate(problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | No
     if anchor is not None:
         pairings = tuple(follow_modes(*item) for item in zip(anchor.states, anchor.pairings, states, strict=True))
     else:
-        pairings = tuple(pair_modes(state) for state in states)
+        pairings = tuple(pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)
 
 

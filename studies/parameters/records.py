@@ -1,22 +1,19 @@
 """The results file of a study: one JSON line per finished point, so that a killed study goes on where it was.
 
-A line is appended and flushed to the disk when its point is finished. A process that dies while it writes leaves a line without an
-end; the next study cuts it off. Lines of points that are no longer asked for stay and are used again when they are.
+Lines of points that are no longer asked for stay and are used again when they are.
 """
 
-import contextlib
 import json
-import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.pipeline.storage.json_texts import Json
-from headstock.pipeline.storage.outputs import OutputError, read_growing_file
 
 POINTS_FILE = "points.jsonl"
 FORMAT = 1
-LINE_START = b'{"key":'
+POINTS = JournalForm(b'{"key":', lines=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,59 +54,28 @@ class StudyRecord:
 
 
 def read_records(folder: Path) -> dict[str, StudyRecord]:
-    """Finished points by key, the last one where a key comes twice; what a killed process left of a line is cut off.
+    """Finished points by key, the last one where a key comes twice.
 
     Raises:
-        TakenOutputError: The file is a link, or not one that a study writes: lines would be cut off or added to a file of the user.
-        OutputError: The file cannot be read or mended.
+        TakenOutputError: The file is a link, or not one that a study writes.
+        OutputError: The file cannot be read.
     """
-    path = folder / POINTS_FILE
-    try:
-        content = read_growing_file(path, LINE_START)
-        whole = content[: content.rfind(b"\n") + 1]
-        if len(whole) < len(content):
-            os.truncate(path, len(whole))
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise OutputError(f"{path} cannot be read: {error.strerror or error}") from error
-    records = (_read_line(line) for line in whole.splitlines())
+    records = (_read_line(line) for line in read_journal(folder / POINTS_FILE, POINTS))
     return {record.key: record for record in records if record is not None}
 
 
-def append_record(folder: Path, record: StudyRecord) -> None:
+def open_records(folder: Path) -> Journal:
+    """The file of finished points, for ``append_record``; a context manager."""
+    return Journal(folder / POINTS_FILE, POINTS)
+
+
+def append_record(journal: Journal, record: StudyRecord) -> None:
     """Append a finished point; it is on the disk when this returns.
 
     Raises:
         OutputError: The disk is full or the folder is gone; finished points before it are untouched.
     """
-    path = folder / POINTS_FILE
-    line = json.dumps(asdict(record), allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
-    try:
-        new = not path.exists()
-        with path.open("ab", buffering=0) as file:
-            end = file.tell()
-            try:
-                if file.write(line) != len(line):
-                    raise OSError("the disk is full")
-                os.fsync(file.fileno())
-            except OSError:
-                with contextlib.suppress(OSError):
-                    file.truncate(end)
-                raise
-        if new:
-            _flush_folder(folder)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}; finished points are kept") from error
-
-
-def _flush_folder(folder: Path) -> None:
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    journal.append(json.dumps(asdict(record), allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode())
 
 
 def _read_line(line: bytes) -> StudyRecord | None:

@@ -34,7 +34,7 @@ from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.ranks import share_from_root
-from headstock.studies.parameters.records import StudyRecord, append_record, read_records
+from headstock.studies.parameters.records import StudyRecord, append_record, open_records, read_records
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # of no influence on a point's results
@@ -148,17 +148,18 @@ def run_study(
     known = _finished_points(folder, retry=job.retry) if root else {}
     waiting = share_from_root(comm, [number for number, key in enumerate(keys) if key not in known] if root else None)
     warm: set[ElementKind] = set()
-    for number, point in enumerate(points):
-        if number in waiting:
-            record, error = _compute_point(job, point, comm, warm)
+    with open_records(folder) if root and waiting else contextlib.nullcontext() as journal:
+        for number, point in enumerate(points):
+            if number in waiting:
+                record, error = _compute_point(job, point, comm, warm)
+                if journal is not None:
+                    known[keys[number]] = replace(record, key=keys[number])
+                    append_record(journal, known[keys[number]])
+                if error is not None and comm.size > 1:
+                    raise error
             if root:
-                known[keys[number]] = replace(record, key=keys[number])
-                append_record(folder, known[keys[number]])
-            if error is not None and comm.size > 1:
-                raise error
-        if root:
-            record = _label_record(known[keys[number]], point)
-            observer(StudyProgress(number, len(points), point, record, known=number not in waiting))
+                record = _label_record(known[keys[number]], point)
+                observer(StudyProgress(number, len(points), point, record, known=number not in waiting))
     return [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)] if root else []
 
 

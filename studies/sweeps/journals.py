@@ -1,9 +1,6 @@
 """Journals of a sweep: finished poses, each appended whole, so that a sweep that was killed goes on where it was.
 
-Every process writes a journal of its own and reads those of all. A record is its length, its CRC-32 and its bytes, written at once:
-a process that dies meanwhile leaves a record that ends too early, which readers leave out and the next writer cuts off. A killed
-process loses no finished pose; a power cut loses those of the last second. The bytes are a line of JSON about arrays, then the
-arrays; no pickle.
+Every process writes a journal of its own and reads those of all. A result is a line of JSON about arrays, then the arrays; no pickle.
 """
 
 import contextlib
@@ -11,21 +8,18 @@ import dataclasses
 import fcntl
 import json
 import math
-import os
 import struct
-import time
 import typing
-import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.storage.outputs import OutputError, TakenOutputError, make_part, read_growing_file
+from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
+from headstock.pipeline.storage.outputs import TakenOutputError, make_part, read_growing_file
 
 PoseState = Literal["done", "failed", "unreachable"]
 SingleArray = NDArray[np.float32]
@@ -38,8 +32,7 @@ FOLDER = "poses"
 SUFFIX = ".journal"
 FLUSH_SECONDS = 1.0
 KEY_LETTERS = 16
-HEAD = b"headstock poses "
-_RECORD = struct.Struct("<II")
+START = b"headstock poses "
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,100 +109,36 @@ def decode_result(content: bytes) -> PoseResult:
         raise ValueError(f"no pose result: {error}") from error
 
 
-class PoseJournal:
-    """A journal open for writing by this process; a context manager."""
+def pose_form(key: str) -> JournalForm:
+    """Form of a journal of poses whose results depend on what the key says."""
+    return JournalForm(START, START + f"1 {key}\n".encode())
 
-    def __init__(self, folder: Path, key: str, name: str) -> None:
-        """Open a journal, or begin it.
 
-        Args:
-            folder: Of the sweep's results.
-            key: Of everything the poses' results depend on.
-            name: Of the process among those of the sweep.
+def open_journal(folder: Path, key: str, name: str) -> Journal:
+    """Open a journal for encoded results of poses, or begin it; a context manager.
 
-        Raises:
-            OutputError: It cannot be written, or another process writes it.
-        """
-        self._path = folder / FOLDER / f"{key[:KEY_LETTERS]}-{name}{SUFFIX}"
-        self._flushed = time.monotonic()
-        try:
-            make_part(self._path.parent)
-            self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644)
-            try:
-                self._lock()
-                self._begin(key)
-            except (OSError, OutputError):
-                os.close(self._handle)
-                raise
-        except OSError as error:
-            raise OutputError(f"{self._path} cannot be written: {error.strerror or error}") from error
+    Args:
+        folder: Of the sweep's results.
+        key: Of everything the poses' results depend on.
+        name: Of the process among those of the sweep.
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(OSError):
-            os.fsync(self._handle)
-        os.close(self._handle)
-
-    def append(self, result: PoseResult) -> None:
-        """Append a finished pose; it outlives this process from when this returns.
-
-        Raises:
-            OutputError: The disk is full or the folder is gone; poses before it are untouched.
-        """
-        content = encode_result(result)
-        record = _RECORD.pack(len(content), zlib.crc32(content)) + content
-        end = os.fstat(self._handle).st_size
-        try:
-            if os.write(self._handle, record) != len(record):
-                raise OSError("the disk is full")
-            if time.monotonic() - self._flushed > FLUSH_SECONDS:
-                os.fsync(self._handle)
-                self._flushed = time.monotonic()
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._handle, end)
-            raise OutputError(f"{self._path} cannot be written: {error.strerror or error}; finished poses are kept") from error
-
-    def _lock(self) -> None:
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                f"another process writes {self._path}; wait until it ends, or name another folder with -o DIR"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
-
-    def _begin(self, key: str) -> None:
-        """Write the head of a new journal; cut a record off that was not finished."""
-        content = read_growing_file(self._path, HEAD)
-        if not content.startswith(_head(key)):
-            os.ftruncate(self._handle, 0)
-            if os.write(self._handle, _head(key)) != len(_head(key)):
-                # records behind half a head would be lost
-                os.ftruncate(self._handle, 0)
-                raise OSError("the disk is full")
-            return
-        whole = len(_head(key)) + sum(_RECORD.size + len(record) for record in _records(content, key))
-        if whole < len(content):
-            os.ftruncate(self._handle, whole)
+    Raises:
+        OutputError: It cannot be written, or another process writes it.
+    """
+    make_part(folder / FOLDER)
+    path = folder / FOLDER / f"{key[:KEY_LETTERS]}-{name}{SUFFIX}"
+    return Journal(path, pose_form(key), flush_seconds=FLUSH_SECONDS)
 
 
 def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
     """Finished poses by the bytes of their positions; a pose that succeeded in one journal counts before one that failed.
 
     Raises:
-        OutputError: A journal cannot be read.
+        OutputError: A journal cannot be read, or is a file that Headstock did not write.
     """
     found: dict[bytes, PoseResult] = {}
     for path in sorted((folder / FOLDER).glob(f"{key[:KEY_LETTERS]}-*{SUFFIX}")):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise OutputError(f"{path} cannot be read: {error.strerror or error}") from error
-        for record in _records(content, key):
+        for record in read_journal(path, pose_form(key)):
             with contextlib.suppress(ValueError):
                 result = decode_result(record)
                 name = result.positions.tobytes()
@@ -218,41 +147,13 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
     return found
 
 
-def count_poses(folder: Path) -> int:
-    """How many finished poses all journals of a folder hold."""
-    total = 0
-    for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
-        content = path.read_bytes()
-        key = content.partition(b"\n")[0].rpartition(b" ")[2].decode("ascii", "replace")
-        total += sum(1 for _ in _records(content, key))
-    return total
-
-
 def remove_other_journals(folder: Path, key: str) -> None:
     """Remove journals of other contents that no living process writes."""
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
         if path.name.startswith(key[:KEY_LETTERS]):
             continue
         with contextlib.suppress(OSError, TakenOutputError):
-            read_growing_file(path, HEAD)
+            read_growing_file(path, START)
             with path.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 path.unlink()
-
-
-def _head(key: str) -> bytes:
-    return HEAD + f"1 {key}\n".encode()
-
-
-def _records(content: bytes, key: str) -> Iterator[bytes]:
-    """Whole records of a journal, up to the first that is not."""
-    place = len(_head(key))
-    if not content.startswith(_head(key)):
-        return
-    while place + _RECORD.size <= len(content):
-        length, checksum = _RECORD.unpack_from(content, place)
-        record = content[place + _RECORD.size : place + _RECORD.size + length]
-        if len(record) < length or zlib.crc32(record) != checksum:
-            return
-        yield record
-        place += _RECORD.size + length

@@ -28,7 +28,7 @@ from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, sweep_pose
 from headstock.solvers.ranks import share_from_root
-from headstock.studies.sweeps.journals import PoseJournal, PoseResult, read_journals
+from headstock.studies.sweeps.journals import PoseResult, encode_result, open_journal, read_journals
 from headstock.studies.sweeps.lumped_poses import POSES_AT_ONCE, LumpedPoses, share_mechanism, solve_lumped_poses
 from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_pose
 
@@ -139,9 +139,9 @@ def run_sweep(
     state, superelements = _make_components(job, comm, observer)
     mine = waiting[comm.rank :: comm.size]
     if mine:
-        with PoseJournal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
+        with open_journal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
             for count, result in enumerate(_solve_poses(job, state, superelements, mine), start=1):
-                journal.append(result)
+                journal.append(encode_result(result))
                 if comm.rank == 0:
                     on_pose(count, len(mine))
     _wait_for_all(comm)

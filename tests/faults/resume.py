@@ -16,7 +16,8 @@ import h5py
 import numpy as np
 
 from faults.runs import FaultError, Outcome, wait_for_end
-from headstock.studies.sweeps.journals import count_poses
+from headstock.pipeline.storage.journals import read_journal
+from headstock.studies.sweeps.journals import pose_form
 
 SCENE = """
 name = "Resumed"
@@ -236,6 +237,10 @@ def _count_finished(folder: Path) -> int:
     try:
         if (folder / "points.jsonl").is_file():
             return (folder / "points.jsonl").read_bytes().count(b"\n")
-        return count_poses(folder)
+        return sum(len(read_journal(path, pose_form(_key_of(path)))) for path in folder.glob("poses/*.journal"))
     except OSError:
         return 0
+
+
+def _key_of(journal: Path) -> str:
+    return journal.read_bytes().partition(b"\n")[0].rpartition(b" ")[2].decode("ascii", "replace")

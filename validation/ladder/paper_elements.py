@@ -23,9 +23,9 @@ import scipy.sparse.linalg
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
-from headstock.validation.ladder.mode_pairing import pair_modes, read_shape, section_motions
 from headstock.validation.ladder.points import LadderPoint, cantilever_displacements
 from headstock.validation.ladder.references import LadderBeam
+from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
 
 CORNERS = np.array(
     [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
@@ -190,7 +190,7 @@ def _modal_values(beam: LadderBeam, model: BrickModel) -> tuple[dict[str, float]
     half = 0.5 * beam.size[beam.axis]
     sections = section_motions(model.points, shapes, axis=beam.axis, span=(-half, half), sides=beam.size)
     names = [name for name, reference in beam.references.items() if reference.group == "modal"]
-    paired = pair_modes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
+    paired = find_theory_shapes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
     return (
         {name: float(frequencies[mode.index]) for name, mode in paired.items()},
         {name: mode.mac for name, mode in paired.items()},

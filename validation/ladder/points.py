@@ -19,8 +19,8 @@ from headstock.pipeline.results.results import Results
 from headstock.scene.scene import Scene
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import median_seconds
-from headstock.validation.ladder.mode_pairing import pair_modes, read_shape, section_motions
 from headstock.validation.ladder.references import FORCE, MOMENT, OFFSET, UM, Group, LadderBeam, ladder_beam
+from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
 
 LadderKind = Literal["segmented", "tet4", "hex8", "tet10", "hex27", "wilson8"]
 KINDS: tuple[LadderKind, ...] = ("segmented", "tet4", "hex8", "tet10", "hex27", "wilson8")
@@ -171,7 +171,7 @@ def _beam_modes(beam: LadderBeam, component: Component, results: Results) -> tup
         sides=beam.size,
     )
     names = [name for name, reference in beam.references.items() if reference.group == "modal"]
-    paired = pair_modes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
+    paired = find_theory_shapes(sections, tuple(read_shape(name, beam.axis) for name in names), beam.ends)
     frequencies = {name: float(modes.frequencies_hz[mode.index]) for name, mode in paired.items()}
     return frequencies, {name: mode.mac for name, mode in paired.items()}
 

@@ -1,14 +1,13 @@
 """Table 3, the measured shapes and figures 17 and 18 of Kono et al. by the calibrated three-axis machine."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from mpi4py import MPI
-from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import ModePair, ModeSet, pair_modes
+from headstock.solvers.linear.mode_pairing import ModePair, ModeSet, match_frequencies, pair_modes
 from headstock.validation.machines.axis_kit_models import (
     LISTED_TO_HZ,
     MEASURED_COMPLIANCE,
@@ -47,19 +46,13 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
     return rows + show_claims(models)
 
 
-def match_frequencies(frequencies_hz: FloatArray, listed: Sequence[float], penalty: FloatArray | float = 0.0) -> list[int]:
-    """Index of the mode that meets each listed frequency: the pairs with the smallest sum of squared relative distances."""
-    distance = np.log(np.asarray(frequencies_hz)[None, :] / np.asarray(listed)[:, None]) ** 2
-    return [int(index) for index in linear_sum_assignment(distance + penalty)[1]]
-
-
-def match_table_3(variant: str, model: KitModel) -> list[int]:
+def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
     """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider along Y."""
     penalty = np.zeros((len(TABLE_3[variant]), len(model.frequencies_hz)))
     if variant in MODE_9:
         along = np.abs(model.motions["y_slider"][:3])
         penalty[MODE_9[variant] - 1, np.argmax(along, axis=0) != 1] = 1.0
-    return match_frequencies(model.frequencies_hz, TABLE_3[variant], penalty)
+    return match_frequencies(np.log(model.frequencies_hz), np.log(TABLE_3[variant]), costs=penalty)
 
 
 def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
@@ -92,7 +85,8 @@ def judge_fidelities(models: KitModels) -> list[ValidationRow]:
             note = f"MAC {pair.correlation:.2f}" + ("" if variant in TABLE_3 else ", predicted")
             rows.append(judge(CASE, f"{variant} FE: f{number}", fine.frequencies_hz[pair.second], target, note))
     fine = models["YCE", "elastic"]
-    for number, (index, right) in enumerate(zip(match_frequencies(fine.frequencies_hz, TABLE_3_FEM), TABLE_3_FEM, strict=True), 1):
+    met = match_frequencies(np.log(fine.frequencies_hz), np.log(TABLE_3_FEM))
+    for number, (index, right) in enumerate(zip(met, TABLE_3_FEM, strict=True), 1):
         target = Target(right, "Hz", FEM_TOLERANCE, "published FEM")
         rows.append(judge(CASE, f"YCE FE against the paper's FEM: f{number}", fine.frequencies_hz[index], target))
     return rows

@@ -24,7 +24,7 @@ from headstock.pipeline.storage.outputs import (
     write_output,
 )
 from headstock.studies.parameters.records import POINTS_FILE, read_records
-from headstock.studies.sweeps.journals import FOLDER, PoseJournal, remove_other_journals
+from headstock.studies.sweeps.journals import FOLDER, open_journal, remove_other_journals
 
 # kills itself in the call of os.NAME whose number is given
 KILLED = """
@@ -249,10 +249,10 @@ def test_journals_that_headstock_did_not_write_are_neither_emptied_nor_removed(t
     mine.parent.mkdir()
     mine.write_bytes(b"dear diary")
     with pytest.raises(TakenOutputError, match=r"\.journal exists"):
-        PoseJournal(tmp_path, key, "1")
+        open_journal(tmp_path, key, "1")
     remove_other_journals(tmp_path, other)
     assert mine.read_bytes() == b"dear diary"
-    with PoseJournal(tmp_path, key, "2"):
+    with open_journal(tmp_path, key, "2"):
         pass
     remove_other_journals(tmp_path, other)
     assert [path.name for path in mine.parent.iterdir()] == [mine.name]
@@ -262,7 +262,7 @@ def test_journals_are_not_written_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / FOLDER).symlink_to(tmp_path / "mine")
     with pytest.raises(TakenOutputError, match="it is a link"):
-        PoseJournal(tmp_path, "a" * 64, "1")
+        open_journal(tmp_path, "a" * 64, "1")
     assert list((tmp_path / "mine").iterdir()) == []
     linked = tmp_path / "linked"
     linked.symlink_to(tmp_path / "nowhere")

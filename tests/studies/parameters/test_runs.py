@@ -22,7 +22,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.studies import Study, StudyFamily, count_points, describe_point, expand_study
 from headstock.solvers.errors import CompileError
-from headstock.studies.parameters.records import POINTS_FILE, append_record, read_records
+from headstock.studies.parameters.records import POINTS_FILE, append_record, open_records, read_records
 from headstock.studies.parameters.runs import StudyError, StudyJob, StudyProgress, check_points, hash_scene, run_study
 from headstock.studies.parameters.tables import tabulate_study
 
@@ -175,7 +175,8 @@ def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on_behind_it(sce
     whole = path.read_bytes()
     path.write_bytes(whole[:-40])
     assert len(read_records(tmp_path / "out")) == len(records) - 1
-    append_record(tmp_path / "out", records[-1])
+    with open_records(tmp_path / "out") as journal:
+        append_record(journal, records[-1])
     assert len(path.read_bytes().splitlines()) == len(records)
     assert read_records(tmp_path / "out").keys() == {record.key for record in records}
 

@@ -16,7 +16,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import describe_positions
 from headstock.solvers.errors import ModelError
 from headstock.studies.sweeps.files import SWEEP_FILE, write_sweep
-from headstock.studies.sweeps.journals import FOLDER, PoseJournal, PoseResult, decode_result, encode_result, read_journals
+from headstock.studies.sweeps.journals import FOLDER, PoseResult, decode_result, encode_result, open_journal, read_journals
 from headstock.studies.sweeps.machine_poses import solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
@@ -197,5 +197,5 @@ def test_a_result_survives_its_bytes() -> None:
 
 
 def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
-    with PoseJournal(tmp_path, "k" * 64, "a"), pytest.raises(OutputError, match="another process writes"):
-        PoseJournal(tmp_path, "k" * 64, "a")
+    with open_journal(tmp_path, "k" * 64, "a"), pytest.raises(OutputError, match="another process writes"):
+        open_journal(tmp_path, "k" * 64, "a")

@@ -87,7 +87,7 @@ def section_motions(
     return SectionMotions(np.array(places), np.stack(motions, axis=1), length, np.concatenate([np.ones(3), radii / length]), axis)
 
 
-def pair_modes(sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions) -> dict[str, PairedMode]:
+def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions) -> dict[str, PairedMode]:
     """The mode of the model that each mode of theory goes with: the most alike pair first, then the most alike of what is left.
 
     A mode of the model goes with one shape only; shapes that nothing left resembles are missing: a model with few sections does not

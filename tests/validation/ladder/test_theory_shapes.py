@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from headstock.validation.ladder.mode_pairing import pair_modes, read_shape, section_motions
+from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
 from headstock.validation.references.bending import euler_bernoulli_shape
 from headstock.validation.references.torsion import wave_numbers
 
@@ -33,7 +33,7 @@ def theory_field(name: str, points: np.ndarray, ends: str) -> np.ndarray:
 
 def pair(points: np.ndarray, fields: np.ndarray, ends: str = "clamped-free"):
     sections = section_motions(points, fields, axis=2, span=(0.0, SIDES[2]), sides=SIDES)
-    return pair_modes(sections, SHAPES, ends)
+    return find_theory_shapes(sections, SHAPES, ends)
 
 
 @pytest.mark.parametrize("ends", ["clamped-free", "clamped-clamped"])
