@@ -117,7 +117,7 @@ def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
 
     Entries ``m_ij`` are sums over the mesh of products of shapes, off by ``rounding * sqrt(m_ii m_jj)`` times the square root of the
     number of terms where signs are random; in a rigid motion r they add up to ``(sum_i |r_i| sqrt(m_ii))^2``, which is much more than
-    its mass where shapes all but cancel.
+    its mass where shapes all but cancel. Places far from the component's origin are themselves rounded, by ``rounding`` of their distance.
 
     Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), secs. 2.8 and 3.1.
     """
@@ -132,7 +132,9 @@ def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
     error = np.abs(motions.T @ superelement.mass @ motions - wanted) / scale
     sizes = np.abs(motions).T @ np.sqrt(np.abs(superelement.mass.diagonal()))
     terms = np.sqrt(max(superelement.full_dofs, len(superelement.labels)))
-    limit = rounding * terms * np.outer(sizes, sizes) / scale
+    places = np.array([superelement.center_of_mass, *(frame.origin for frame in superelement.frames)])
+    distance = float(np.abs(places).max()) / length
+    limit = rounding * (terms + distance) * np.outer(sizes, sizes) / scale
     blocks = {"mass": np.s_[:3, :3], "centre of mass": np.s_[:3, 3:], "inertia": np.s_[3:, 3:]}
     for what, block in blocks.items():
         value, allowed = float(error[block].max()), float(limit[block].max())

@@ -23,7 +23,7 @@ def run_on(ranks: int, path: Path) -> dict[str, np.ndarray]:
     paths = os.pathsep.join([folder, *filter(None, [inherited.get("PYTHONPATH")])])
     more = {"OMP_NUM_THREADS": "1", "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": paths}
     command = [launcher, "--oversubscribe", "-n", str(ranks), sys.executable, str(PROGRAM), str(path)]
-    done = subprocess.run(command, env=inherited | more, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, env=inherited | more, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     with np.load(path) as file:
         return dict(file)
