@@ -136,6 +136,8 @@ def _weigh_carriage(knots: FloatArray, place: float, length: float, blur: float)
     would be heard. Its lengths are such that the mean of parabolas and the slope of cubics are those over the carriage itself.
     Gauss rules between knots and edges are exact.
     """
+    # second moment of the blurred even weight: flat^2/3 + blur^2/12 = length^2/12, that of the carriage; third moment of the odd one over
+    # its first: 3 tilted^2/5 + blur^2/4 = 3 length^2/20
     flat, tilted = 0.5 * math.sqrt(length**2 - blur**2), 0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2)
     edges = place + np.array(
         [sign * half + side for sign in (-1, 1) for half in (flat, tilted) for side in (-0.5 * blur, 0.5 * blur)]

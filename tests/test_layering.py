@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from headstock.pipeline.storage.content_keys import MESH_CODE, REDUCTION_CODE, REDUCTION_GROUNDS
+
 ROOT = Path(__file__).resolve().parent.parent
 # A layer imports from those before it; scene and reduction stand side by side, and of meshing a scene sees the sizes only.
 LAYERS = ("geometry", "meshing", "solvers", "reduction", "scene", "pipeline", "studies", "validation", "app")
@@ -252,6 +254,29 @@ def test_headstock_is_a_namespace_without_a_file_of_its_own() -> None:
 def test_no_module_shares_its_name_with_a_function_in_it() -> None:
     kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
     assert offenders(lambda path: path.stem in {node.name for node in TREES[path].body if isinstance(node, kinds)}) == {}
+
+
+def closure_of(start: str) -> set[str]:
+    """Modules that a module imports, and what these import."""
+    named = {module_name(path): names & KNOWN for path, names in IMPORTS.items()}
+    found, waiting = set(), {start}
+    while waiting:
+        found |= waiting
+        waiting = set().union(*(named[name] for name in waiting)) - found
+    return found
+
+
+@pytest.mark.parametrize("start", ["reduction.components.elastic", "meshing.components.meshing", "meshing.components.skins"])
+def test_the_keys_of_the_store_cover_every_module_that_an_entry_is_computed_by(start: str) -> None:
+    whole, grounds = list(MESH_CODE), []
+    if start.startswith("reduction"):
+        whole += REDUCTION_CODE
+        grounds += REDUCTION_GROUNDS
+    used = closure_of(f"headstock.{start}")
+    assert len(used) > 10
+    covered = {name for name in used for package in whole if name.startswith(f"{package.__name__}.")}
+    covered |= {name for name in used for package in grounds if name.rpartition(".")[0] == package.__name__}
+    assert used - covered == set()
 
 
 def text_files() -> Iterator[Path]:

@@ -260,6 +260,8 @@ def _alignment_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> 
     relative = _relative(layout, placement)
     omega1, omega2 = bias.omega.take(layout.align_first, axis=-2), bias.omega.take(layout.align_second, axis=-2)
     alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(layout.align_first, axis=-2)
+    # the closure is the axial vector of Q = R1^T R2, whose rate is V(Q) w with w the relative spin in the axes of the first body. Its
+    # second rate is V(Q) w' + V(Q') w; here without unknown accelerations, with Q' = w x Q and w' seen from the turning axes
     speed = first @ (omega2 - omega1)[..., None]
     change = first @ (alpha - cross(omega1, omega2))[..., None]
     growth = _vee_map(skew_matrices(speed[..., 0]) @ relative)

@@ -18,8 +18,10 @@ import headstock.geometry
 import headstock.meshing
 import headstock.pipeline
 import headstock.reduction
+import headstock.reduction.components
 import headstock.scene
 import headstock.solvers
+import headstock.solvers.elastic
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
 from headstock.pipeline.storage.json_texts import Json
@@ -35,6 +37,10 @@ PACKAGES = (
     headstock.scene,
     headstock.pipeline,
 )
+# what meshing and reducing a component import, and nothing else: a change in milling or control keeps what is stored
+MESH_CODE = (headstock.geometry, headstock.meshing)
+REDUCTION_CODE = (headstock.solvers.elastic, headstock.reduction.components)
+REDUCTION_GROUNDS = (headstock.solvers, headstock.reduction)
 FILE_KEYS = ("step", "mesh", "superelement")
 
 
@@ -42,7 +48,7 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
     """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or name."""
     return _digest(
         {
-            "algorithm": [code_fingerprint(package) for package in (headstock.geometry, headstock.meshing)],
+            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
             "libraries": library_versions(MESH_LIBRARIES),
             "solid": _solid_content(component),
             "settings": component.mesh,
@@ -57,7 +63,7 @@ def skin_key(component: Component) -> str:
     """Key of what is drawn of a solid from a file."""
     return _digest(
         {
-            "algorithm": [code_fingerprint(package) for package in (headstock.geometry, headstock.meshing)],
+            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
             "libraries": library_versions(MESH_LIBRARIES),
             "skin of": _solid_content(component),
         }
@@ -78,7 +84,8 @@ def superelement_key(component: Component, supports: Sequence[Support], loads: S
     return _digest(
         {
             "mesh": mesh_key(component, supports, loads),
-            "algorithm": [code_fingerprint(package) for package in (headstock.solvers, headstock.reduction)],
+            "algorithm": [code_fingerprint(package) for package in REDUCTION_CODE],
+            "ground": [ground_fingerprint(package) for package in REDUCTION_GROUNDS],
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
@@ -98,9 +105,19 @@ def library_versions(names: tuple[str, ...]) -> dict[str, str]:
 @functools.cache
 def code_fingerprint(package: Any) -> str:
     """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
+    return _fingerprint(package, "**/*.py")
+
+
+@functools.cache
+def ground_fingerprint(package: Any) -> str:
+    """The same over the files of the sub-package itself, without its rooms."""
+    return _fingerprint(package, "*.py")
+
+
+def _fingerprint(package: Any, pattern: str) -> str:
     digest = hashlib.sha256()
     for folder in package.__path__:
-        for path in sorted(Path(folder).rglob("*.py")):
+        for path in sorted(Path(folder).glob(pattern)):
             digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

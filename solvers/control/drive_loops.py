@@ -141,28 +141,20 @@ def _feed_back(
     seen_d = np.vstack([plant.d[place], np.zeros((count, plant.d.shape[1]))])
     measured = np.concatenate([5 * np.arange(count) + 3, 5 * np.arange(count) + 4])
     spread = _spread_set_points(trains)
-    loop = np.eye(count) - control.d[:, measured] @ seen_d[:, to_forces]
-    # force = (state gains, control gains, set points, loads)
-    gains = np.linalg.solve(
-        loop,
-        np.hstack([control.d[:, measured] @ seen, control.c, control.d @ spread, control.d[:, measured] @ seen_d[:, to_loads]]),
-    )
+    direct = control.d[:, measured]
+    # forces act at once on what the controllers measure, and these at once on forces: an algebraic loop. It is solved here, so that
+    # force = gains @ (states, control states, set points, loads) and no force is an input any more
+    loop = np.eye(count) - direct @ seen_d[:, to_forces]
+    pushed = np.hstack([direct @ seen, control.c, control.d @ spread, direct @ seen_d[:, to_loads]])
+    gains = np.linalg.solve(loop, pushed)
     size, own, sets = len(plant.a), len(control.a), spread.shape[1]
     # measured = (states, control states, set points, loads)
     view = np.hstack([seen, np.zeros((2 * count, own + sets)), seen_d[:, to_loads]]) + seen_d[:, to_forces] @ gains
-    rows = np.vstack(
-        [
-            np.hstack([plant.a, np.zeros((size, own + sets)), plant.b[:, to_loads]]) + plant.b[:, to_forces] @ gains,
-            np.hstack([np.zeros((own, size)), control.a, control.b @ spread, np.zeros((own, len(inputs)))])
-            + control.b[:, measured] @ view,
-        ]
-    )
-    outs = np.vstack(
-        [
-            np.hstack([plant.c, np.zeros((len(plant.c), own + sets)), plant.d[:, to_loads]]) + plant.d[:, to_forces] @ gains,
-            gains,
-        ]
-    )
+    open_plant = np.hstack([plant.a, np.zeros((size, own + sets)), plant.b[:, to_loads]])
+    open_control = np.hstack([np.zeros((own, size)), control.a, control.b @ spread, np.zeros((own, len(inputs)))])
+    open_outputs = np.hstack([plant.c, np.zeros((len(plant.c), own + sets)), plant.d[:, to_loads]])
+    rows = np.vstack([open_plant + plant.b[:, to_forces] @ gains, open_control + control.b[:, measured] @ view])
+    outs = np.vstack([open_outputs + plant.d[:, to_forces] @ gains, gains])
     states = (*plant.states, *(f"control {number + 1}" for number in range(own)))
     names = tuple((train.name, what) for what in (ENCODER, MOTOR, SLIDE, FORCE) for train in trains)
     split = size + own

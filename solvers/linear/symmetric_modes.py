@@ -113,7 +113,8 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> Moda
     rigid = _mass_orthonormal(null.vectors, condensed_mass)
     free = null.free
     coupling = condensed_mass @ rigid
-    # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R = 0
+    # x = P E y with P = 1 - R R^T M: orthogonal to the rigid modes, and K P E y = K E y because K R = 0. E fills in zeros at as many dofs
+    # as there are rigid modes, so the stiffness of the free ones is definite and its pencil regular; P is applied to the shapes below
     elastic_stiffness = condensed_stiffness[np.ix_(free, free)]
     elastic_mass = condensed_mass[np.ix_(free, free)] - coupling[free] @ coupling[free].T
     squares, reduced = _few_modes(elastic_stiffness, elastic_mass, wanted) or _two_sided_modes(elastic_stiffness, elastic_mass)
@@ -185,6 +186,8 @@ def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArra
     """Low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one solve cannot resolve both ends."""
     if len(mass) == 0:
         return np.zeros(0), np.zeros((0, 0))
+    # a solve loses eigenvalues below rounding of its largest: that of M x = mu K x is exact where mu is large, so at low modes.
+    # Its shapes have unit stiffness; times omega they have unit mass. Transposed, because LAPACK's matrices lie by columns
     flexibilities, flexible, info = dsygvd(mass.T, stiffness.T)
     _require_converged(info, "stiffness", len(mass))
     if flexibilities[0] > SPREAD_LIMIT * flexibilities[-1]:

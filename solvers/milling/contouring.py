@@ -270,8 +270,10 @@ def step_maps(
         stiffness = stiffness - softer
     inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
     drift = np.kron(old, np.eye(size))
-    # the new acceleration answers to where the step would lead without one
-    answer = inverse @ (np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size])
+    # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state alone leads to (drift): the new
+    # acceleration is linear in the old state and the load, and so is the new state = drift + reach a
+    pulled = np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size]
+    answer = inverse @ pulled
     ahead = drift - (reach[:, None, None] * answer[:, None]).reshape(len(answer), 4 * size, 4 * size)
     pushed = (inverse @ load[part][..., None])[..., 0]
     return ahead, (reach[:, None] * pushed[:, None]).reshape(len(pushed), 4 * size), inverse

@@ -71,11 +71,14 @@ def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
     big[count : 2 * count, :count] = -station.stiffness / scales
     big[count : 2 * count, count : 2 * count] = -station.damping
     big[count : 2 * count, 2 * count] = station.load
-    # the last two states: the acceleration, and its rise per step
+    # A linear load is an integral of two more states: the acceleration at the start, and its rise per step (hence 1, not size). One
+    # exponential then holds the step and both integrals of the load, also where frequencies are zero and no closed form would do
     big *= size
     big[2 * count, 2 * count + 1] = 1.0
     found = scipy.linalg.expm(big)[: 2 * count]
-    return np.column_stack([found[:, : 2 * count], found[:, 2 * count] - found[:, 2 * count + 1], found[:, 2 * count + 1]])
+    level, rise = found[:, 2 * count], found[:, 2 * count + 1]
+    # level * a0 + rise * (a1 - a0), in terms of the accelerations at both ends
+    return np.column_stack([found[:, : 2 * count], level - rise, rise])
 
 
 def solve_varying_path(system: VaryingSystem, move: SetPoint, samples: FloatArray, table: StepTable | None = None) -> PathDeviation:

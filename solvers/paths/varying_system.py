@@ -184,8 +184,11 @@ def _carry(poses: Mapping[float, _Pose], kept: int) -> dict[float, FloatArray]:
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
+            # orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass. Signs, order and mixtures of
+            # close modes are free in every pose; left as they come, entries would jump and no spline could join them
             carried = poses[before].momenta[:, :kept] @ turns[before]
-            left, _, right = np.linalg.svd(carried.T @ poses[after].motions[:, :kept])
+            overlap = carried.T @ poses[after].motions[:, :kept]
+            left, _, right = np.linalg.svd(overlap)
             turns[after] = np.asarray((left @ right).T)
     return turns
 

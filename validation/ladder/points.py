@@ -1,7 +1,4 @@
-"""One rung of a fidelity ladder: what a scene's results say about a beam of the paper.
-
-Deviations of the rungs of a ladder from their references, and where they come within a limit.
-"""
+"""What results of a scene say about a beam of the paper, and their deviations from the references along a fidelity ladder."""
 
 import dataclasses
 import math

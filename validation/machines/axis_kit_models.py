@@ -1,7 +1,4 @@
-"""The calibrated three-axis machine in every variant of its paper, segmented and with finite elements: modes and compliances.
-
-Numbers and descriptions that Kono, Lorenzer, Weikert and Wegener print of their machine (section 4, tables 2 and 3).
-"""
+"""The calibrated three-axis machine of Kono, Lorenzer, Weikert and Wegener (section 4, tables 2 and 3), segmented and with finite elements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,4 @@
-"""Small machines of very different components, on which error estimates are held against unreduced models.
-
-Error estimates against true errors: reduced machines by number of modes, and unreduced models of them.
-"""
+"""Error estimates against true errors: reduced machines of very different components by number of modes, and their unreduced models."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""A small machine whose springs are known, and targets computed from them: what an identification must find again.
-
-Known stiffnesses found again from noisy frequencies and compliances: errors, intervals, and what the data cannot see.
-"""
+"""Known stiffnesses of a small machine found again from noisy frequencies and compliances: errors, intervals, and what data cannot see."""
 
 import dataclasses
 import tempfile

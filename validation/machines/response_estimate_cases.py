@@ -1,7 +1,4 @@
-"""Estimates of what a mesh does to frequency responses, against far finer meshes.
-
-Error estimates of frequency responses against direct solves of unreduced machines.
-"""
+"""Error estimates of frequency responses against direct solves of unreduced machines and against far finer meshes."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""The Tripteor in motion: energy, orders of both integrators, drift of the constraints, and the three models on one path.
-
-A planar 3-RPR that swings through its singular pose for a long time: its energy stays, and so do its closures (H37).
-"""
+"""Mechanisms in motion: energy, orders of both integrators, drift, three models on one path, and a swing through a singular pose (H37)."""
 
 import dataclasses
 from dataclasses import dataclass

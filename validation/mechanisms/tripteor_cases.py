@@ -1,7 +1,4 @@
-"""The Tripteor with elastic legs: beside the measured modes, beside the lumped model, and by second roads.
-
-The paper's Tripteor: its measured modes and its claims, beside the lumped model that was calibrated on them.
-"""
+"""The paper's Tripteor: measured modes and claims beside the lumped model and beside elastic legs, which independent methods check."""
 
 import dataclasses
 import time

@@ -1,7 +1,4 @@
-"""The seed's two beams by second-order elements, held to converged 3D values, with beam theories beside.
-
-What kind of motion a mode of a straight beam is: bending along one of two axes, torsion or extension.
-"""
+"""The beams of the reference study by second-order elements, against converged 3D values and beam theories; kinds of motion of their modes."""
 
 import dataclasses
 from collections.abc import Callable, Sequence

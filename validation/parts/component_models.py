@@ -1,7 +1,4 @@
-"""Unreduced finite element models of one component: modes and static displacements to hold reduced ones against.
-
-Components meshed and reduced the way a scene does it, for the cases that need a superelement or its parts.
-"""
+"""Components meshed and reduced the way a scene does it, and unreduced finite element models of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Frequency responses: modes left out of a beam, and a reduced column against direct solves of its whole model.
-
-Linear response in time: a rod under a suddenly applied force, whose tip goes to and fro in straight lines.
-"""
+"""Frequency responses of a beam and of a reduced column against whole models, and the response in time of a suddenly loaded rod."""
 
 import dataclasses
 

@@ -1,7 +1,4 @@
-"""Structured second-order meshes made from a lattice of points, and their files.
-
-Shape functions and integrals over second-order elements in plain numpy: a second road beside dolfinx.
-"""
+"""Structured second-order meshes from a lattice of points, their files, and integrals over them in plain numpy."""
 
 import functools
 import itertools

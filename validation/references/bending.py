@@ -1,7 +1,4 @@
-"""Slender beams: plane sections stay plane and normal to the axis, no shear, no rotary inertia.
-
-Deep beams: shear deformation and rotary inertia.
-"""
+"""Bending of beams: slender ones (Euler and Bernoulli), and deep ones with shear deformation and rotary inertia (Timoshenko)."""
 
 import math
 from collections.abc import Callable

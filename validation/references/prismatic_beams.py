@@ -1,7 +1,4 @@
-"""A straight beam of rectangular section: what every beam theory in this folder takes.
-
-Roots of a characteristic equation, found one after the other by sign changes.
-"""
+"""A straight beam of rectangular section, and the roots of a characteristic equation one after the other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

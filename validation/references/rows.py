@@ -1,7 +1,4 @@
-"""Rows of the validation table: a value, what it should be, and whether it is.
-
-Validation rows as a JSON list.
-"""
+"""Rows of the validation table (a value, what it should be, and whether it is), also as a JSON list."""
 
 import dataclasses
 import json

@@ -1,7 +1,4 @@
-"""Torsion of rectangular bars whose warping is restrained at clamped ends.
-
-Torsion of rectangular bars whose sections warp freely. Axial vibration of rods: the one-dimensional wave equation.
-"""
+"""Torsion of rectangular bars that warp freely or are restrained at clamped ends, and axial vibration of rods."""
 
 import math
 from collections.abc import Callable
