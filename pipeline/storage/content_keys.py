@@ -18,10 +18,8 @@ import headstock.geometry
 import headstock.meshing
 import headstock.pipeline
 import headstock.reduction
-import headstock.reduction.components
 import headstock.scene
 import headstock.solvers
-import headstock.solvers.elastic
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
 from headstock.pipeline.storage.json_texts import Json
@@ -39,8 +37,7 @@ PACKAGES = (
 )
 # what meshing and reducing a component import, and nothing else: a change in milling or control keeps what is stored
 MESH_CODE = (headstock.geometry, headstock.meshing)
-REDUCTION_CODE = (headstock.solvers.elastic, headstock.reduction.components)
-REDUCTION_GROUNDS = (headstock.solvers, headstock.reduction)
+REDUCTION_ROOMS = ((headstock.solvers, "elastic"), (headstock.reduction, "components"))
 FILE_KEYS = ("step", "mesh", "superelement")
 
 
@@ -84,8 +81,7 @@ def superelement_key(component: Component, supports: Sequence[Support], loads: S
     return _digest(
         {
             "mesh": mesh_key(component, supports, loads),
-            "algorithm": [code_fingerprint(package) for package in REDUCTION_CODE],
-            "ground": [ground_fingerprint(package) for package in REDUCTION_GROUNDS],
+            "algorithm": [room_fingerprint(package, room) for package, room in REDUCTION_ROOMS],
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
@@ -105,19 +101,19 @@ def library_versions(names: tuple[str, ...]) -> dict[str, str]:
 @functools.cache
 def code_fingerprint(package: Any) -> str:
     """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
-    return _fingerprint(package, "**/*.py")
+    return _fingerprint(package, ("**/*.py",))
 
 
 @functools.cache
-def ground_fingerprint(package: Any) -> str:
-    """The same over the files of the sub-package itself, without its rooms."""
-    return _fingerprint(package, "*.py")
+def room_fingerprint(package: Any, room: str) -> str:
+    """The same over one room and the sub-package's own files, on which its rooms stand."""
+    return _fingerprint(package, ("*.py", f"{room}/**/*.py"))
 
 
-def _fingerprint(package: Any, pattern: str) -> str:
+def _fingerprint(package: Any, patterns: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for folder in package.__path__:
-        for path in sorted(Path(folder).glob(pattern)):
+        for path in sorted(path for pattern in patterns for path in Path(folder).glob(pattern)):
             digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
