@@ -13,7 +13,6 @@ from headstock.app.texts.comparison import (
     comparison_csv,
     describe_store,
     list_points,
-    states_errors,
     variant_error_words,
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
@@ -121,7 +120,6 @@ def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
         .get_template(COMPARISON_TEMPLATE)
         .render(
             s=summary,
-            states_errors=states_errors,
             alike=alike_rigid_modes(summary),
             error_notes=variant_error_words(summary),
             points=list_points(summary),

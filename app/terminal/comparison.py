@@ -11,7 +11,6 @@ from headstock.app.texts.comparison import (
     describe_store,
     list_points,
     read_compliance,
-    states_errors,
     variant_error_words,
 )
 from headstock.app.texts.error_texts import show_bound, show_bounded, show_digits
@@ -115,8 +114,7 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
                 cells.append(MISSING)
                 continue
             errors = variant["static"][point]["error_um_per_kN"]
-            shown = _with_error(value, errors[direction], known=states_errors(variant["static"][point]["error_share"].values()))
-            cells.append(f"{shown}{_percent(value, first)}")
+            cells.append(f"{_with_error(value, errors[direction])}{_percent(value, first)}")
         _add_cells(table, f"d{direction}/F{direction}", cells)
     for direction in DIRECTIONS:
         links = [(variant["static"].get(point) or {}).get("weak_link", {}).get(direction) for variant in variants.values()]
@@ -129,16 +127,15 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
         )
 
 
-def _with_error(value: float, error: float | None, *, known: bool) -> str:
-    """A value and what stands behind it; four digits where no error of the variant is known."""
-    return f"{show_bounded(value, error)} {show_bound(value, error)}" if known else show_digits(value, 4)
+def _with_error(value: float, error: float | None) -> str:
+    return f"{show_bounded(value, error)} {show_bound(value, error)}"
 
 
 def _mode_cell(cell: Json | None, variant: Json) -> str:
     if cell is None:
         return MISSING
-    known = states_errors(variant["error_share"]) and cell["number"] > variant["rigid_count"]
-    shown = _with_error(cell["frequency_hz"], cell["error_hz"], known=known)
+    hz, elastic = cell["frequency_hz"], cell["number"] > variant["rigid_count"]
+    shown = _with_error(hz, cell["error_hz"]) if elastic else show_digits(hz, 4)
     if cell["mac"] is None:
         return shown
     deviation = "" if cell["deviation"] is None else f"{100 * cell['deviation']:+.1f} %  "

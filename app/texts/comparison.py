@@ -1,11 +1,8 @@
 """Variants side by side in words and rows: which modes are alike, where errors come from, tables for CSV files."""
 
-from collections.abc import Iterable, Mapping
-
 from headstock.app.texts.error_texts import bound_size, error_words, largest_shares, show_size
 from headstock.app.texts.tables import PlainTable, encode_csv
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
@@ -23,17 +20,11 @@ def describe_store(effort: Json) -> str:
     return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
 
 
-def states_errors(shares: Iterable[Mapping[str, float | None]]) -> bool:
-    """Whether a mesh error is in any of a variant's errors: without, as of rigid and segmented parts, ± would hide what they leave out."""
-    return any(DISCRETISATION in share for share in shares)
-
-
 def variant_error_words(summary: Json) -> list[str]:
     """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
-        found = largest_shares(variant) if states_errors(variant["error_share"]) else {}
-        sources = [f"{source} up to {show_size(size)} Hz" for source, size in found.items()]
+        sources = [f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(variant).items()]
         words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
         owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
     return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]

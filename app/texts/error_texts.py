@@ -185,9 +185,9 @@ def error_words(modes: Json) -> list[str]:
 
 def response_error_words(response: Json) -> list[str]:
     """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
-    found = response.get("error")
+    found, left_out = response.get("error"), response.get("error_left_out")
     if not found:
-        return []
+        return [f"{NO_BOUND} : nothing is known of {'; '.join(left_out)}"] if left_out else []
     sources = {source: shares for source, shares in found.items() if source != "bounded_to_hz"}
     if None in sources.values():
         return ["no bound of the reduction error: the range lies beyond the cut-off of the modes kept"]
@@ -199,8 +199,8 @@ def response_error_words(response: Json) -> list[str]:
     words = [f"± covers 95 % of errors, from {'; '.join(parts)}"]
     if found["bounded_to_hz"] < response["to_hz"]:
         words.append(f"no bound above {found['bounded_to_hz']:.4g} Hz")
-    if response.get("error_left_out"):
-        words.append(f"not in ±: {'; '.join(response['error_left_out'])}")
+    if left_out:
+        words.append(f"not in ±: {'; '.join(left_out)}")
     return words
 
 

@@ -27,7 +27,10 @@ UM_PER_KN = 1e9  # m/N
 
 
 def estimate_mode_errors(state: RunState, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
-    """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors."""
+    """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors.
+
+    None is given where no body has an estimate of its mesh: rigid and segmented models leave out more than anything that is known.
+    """
     count = len(modes.frequencies_hz)
     squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)
     doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), *_coupled_areas(state))
@@ -35,6 +38,8 @@ def estimate_mode_errors(state: RunState, coupled: CoupledMachine, modes: ModalR
     kinds = Estimate({}, _name_kinds(state, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(state, coupled), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
+    if not meshes:
+        return tuple(unknown)
     sources = (
         _estimate_parts(DISCRETISATION, meshes, count),
         _estimate_parts(CURVED_FACES, faces, count),

@@ -64,7 +64,9 @@ class ResponseEstimate:
 
     @property
     def shares(self) -> dict[str, FloatArray]:
-        """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no bound."""
+        """Source to the size of its part ``(n_freq, n_outputs, n_inputs)``; NaN where there is no bound, none without a meshed part."""
+        if self.errors.mesh_sizes is None:
+            return {}
         sizes = {DISCRETISATION: self.errors.mesh_sizes, CURVED_FACES: self.errors.face_sizes}
         return {source: size for source, size in sizes.items() if size is not None} | {REDUCTION: self.errors.bounds}
 
@@ -95,7 +97,7 @@ def add_figure_errors(
     figures: tuple[PortFigures, ...], response: FrequencyResponse, estimate: ResponseEstimate | None
 ) -> tuple[PortFigures, ...]:
     """The figures with the change of their most negative real part: a peak that moves keeps its depth."""
-    if estimate is None:
+    if estimate is None or not estimate.shares:
         return figures
     found = []
     for own in figures:

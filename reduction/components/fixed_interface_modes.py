@@ -34,12 +34,14 @@ class FixedInterfaceModes:
         shapes: ``(3 n_owned, m)`` mass-normalised.
         cutoff_hz: No mode below this frequency is missing; inf when all are kept.
         residual: Largest relative change of an eigenvalue between the search and the Rayleigh quotient.
+        remarks: What there is to say about modes that could not be found.
     """
 
     eigenvalues: FloatArray
     shapes: FloatArray
     cutoff_hz: float
     residual: float
+    remarks: tuple[str, ...] = ()
 
 
 def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | None) -> FixedInterfaceModes:
@@ -60,6 +62,7 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
     dimension = solver.free_total - solver.constraints.shape[1]
     if target is None or target.count == 0 or dimension <= 0:
         return none if dimension > 0 else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
+    remarks: tuple[str, ...] = ()
     many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
         values, shapes, following = _dense_modes(solver, target)
@@ -67,9 +70,14 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
         start = _start_block(solver, _block_width(target))
         pairs = lowest_eigenpairs(solver.apply, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension)
         values, shapes, following = pairs.values, pairs.vectors, pairs.next_value
+        if not pairs.complete:
+            remarks = (
+                f"{len(values)} of {target.count} fixed-interface modes are kept: from {np.sqrt(following) / (2.0 * np.pi):.4g} Hz on "
+                "they lie too densely to be told apart; the ± covers what they add",
+            )
     values, shapes, change = _improve(solver, values, shapes)
     cutoff = float(np.sqrt(following) / (2.0 * np.pi))
-    return FixedInterfaceModes(values, _fix_signs(solver, shapes), cutoff, change)
+    return FixedInterfaceModes(values, _fix_signs(solver, shapes), cutoff, change, remarks)
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:

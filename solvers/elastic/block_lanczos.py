@@ -14,6 +14,7 @@ from headstock.solvers.ranks import sum_over_ranks
 RITZ_TOLERANCE = 1e-7
 NEIGHBOUR_TOLERANCE = 1e-3
 CLUSTER_GAP = 5e-3
+LONGEST_CLUSTER = 30  # beyond the modes wanted; waves across a sheet that is held all over have frequencies without gaps
 DEPENDENCE_TOLERANCE = 1e-10
 WELL_CONDITIONED = 1e-6
 SMALL_LEAK = 1e-4
@@ -30,7 +31,7 @@ Operator = Callable[[FloatArray], FloatArray]
 class ModeTarget:
     """Which modes are wanted: the lowest ``count``, all up to ``up_to_hz``, or with both whichever are fewer.
 
-    A cluster at the end is always completed.
+    A cluster at the end is completed unless it has no end.
     """
 
     count: int | None = None
@@ -52,8 +53,9 @@ class EigenPairs:
         values: ``(m,)`` eigenvalues [rad^2/s^2].
         vectors: ``(n, m)`` mass-normalised.
         residuals: ``(m,)`` relative residual bounds.
-        next_value: The next eigenvalue; inf when there is none.
+        next_value: The next eigenvalue, or a bound below it where it did not converge; inf when there is none.
         solves: Number of right-hand sides solved.
+        complete: Whether the target was reached; else these are the lowest that converged, perhaps none.
     """
 
     values: FloatArray
@@ -61,12 +63,15 @@ class EigenPairs:
     residuals: FloatArray
     next_value: float
     solves: int
+    complete: bool = True
 
 
 def lowest_eigenpairs(
     apply_inverse: Operator, apply_mass: Operator, start: FloatArray, target: ModeTarget, *, comm: MPI.Comm, dimension: int
 ) -> EigenPairs:
     """Lowest eigenpairs, complete up to the target and to the end of the cluster there.
+
+    A count is a number at most: frequencies that lie too densely to converge, such as those of a sheet held all over, are left out.
 
     Args:
         apply_inverse: ``F -> K^-1 F`` on blocks ``(n_owned, b)``, symmetric, on the constrained space.
@@ -77,12 +82,13 @@ def lowest_eigenpairs(
         dimension: Dimension of the constrained space.
 
     Raises:
-        ConvergenceError: The target was not reached when the Krylov space filled the whole space or its limit.
+        ConvergenceError: A frequency was not reached when the Krylov space filled the whole space or its limit.
 
     Source: Grimes, Lewis and Simon (1994); residual bound: Parlett (1980), sec. 13.2.
     """
     space = _KrylovSpace(apply_inverse, apply_mass, comm, start)
-    limit = min(dimension, max(20 * (target.count or 40) + 200 if target.up_to_hz is None else 0, MOST_VECTORS))
+    usual = 20 * (target.count or 40) + 200
+    limit = min(dimension, max(usual if target.up_to_hz is None else 0, MOST_VECTORS))
     while True:
         exhausted = not space.expand(limit)
         values, vectors, bounds = space.ritz_pairs()
@@ -94,6 +100,9 @@ def lowest_eigenpairs(
         # new directions must come in from outside
         if (selected is not None or exhausted) and space.size < limit and space.widen():
             continue
+        hopeless = space.size >= usual and bounds[0] > RITZ_TOLERANCE
+        if target.count is not None and (exhausted or hopeless):
+            return _converged_pairs(space, values, vectors, bounds)
         if exhausted:
             done = int((bounds < RITZ_TOLERANCE).sum())
             raise ConvergenceError(
@@ -105,11 +114,25 @@ def lowest_eigenpairs(
     return EigenPairs(np.asarray(1.0 / values[:selected]), shapes, bounds[:selected], float(following), space.solves)
 
 
+def _converged_pairs(space: "_KrylovSpace", values: FloatArray, vectors: FloatArray, bounds: FloatArray) -> EigenPairs:
+    """The lowest pairs up to the first that did not converge, with a bound below that one."""
+    done = int(np.argmax(np.append(bounds, np.inf) > RITZ_TOLERANCE))
+    following = 1.0 / (values[done] * (1.0 + bounds[done])) if done < len(values) else np.inf
+    shapes = space.combine(vectors[:, :done])
+    return EigenPairs(np.asarray(1.0 / values[:done]), shapes, bounds[:done], float(following), space.solves, complete=False)
+
+
 def cluster_end(frequencies: FloatArray, count: int) -> int:
-    """Smallest number >= count after which the next frequency stands off by more than the cluster gap (5e-3)."""
-    while 0 < count < len(frequencies) and frequencies[count] <= frequencies[count - 1] * (1.0 + CLUSTER_GAP):
-        count += 1
-    return count
+    """Smallest number >= count after which the next frequency stands off by more than the cluster gap (5e-3).
+
+    A run longer than ``LONGEST_CLUSTER`` is cut at its widest gap: nobody asked for all of it, and what is left out is in the ±.
+    """
+    end = count
+    while 0 < end < len(frequencies) and frequencies[end] <= frequencies[end - 1] * (1.0 + CLUSTER_GAP):
+        end += 1
+        if end - count > LONGEST_CLUSTER:
+            return count + int(np.argmax(frequencies[count:end] / frequencies[count - 1 : end - 1]))
+    return end
 
 
 def _select(values: FloatArray, bounds: FloatArray, target: ModeTarget, complete: bool) -> int | None:

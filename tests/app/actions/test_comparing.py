@@ -180,7 +180,9 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
     # the same estimates, but for more modes kept in the search
     assert variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6) and min(variant["error_hz"]) > 0.0
     assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(point["error_um_per_kN"], rel=1e-6)
-    assert max(rigid["error_hz"]) < 1e-9 and rigid["error_left_out"] == ["rigid model of bar"]
+    # nothing is known of how far a rigid model is off
+    assert set(rigid["error_hz"]) == {None} and rigid["error_share"] == [{}] * len(rigid["error_hz"])
+    assert rigid["error_left_out"] == ["rigid model of bar"]
     page = html.unescape((out / "compare.html").read_text())
     for hz, error in zip(variant["frequencies_hz"], variant["error_hz"], strict=True):
         assert f"{show_bounded(hz, error)} {show_bound(hz, error)}" in printed
@@ -195,13 +197,32 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
         "R: not in ±: rigid model of bar",
     ):
         assert text in printed and text in page
-    assert printed.count("not in ±: rigid model of bar") == 1 and "± ?" not in printed
+    known, unknown = printed.count("not in ±: rigid model of bar"), printed.count("± ?")
+    assert (known, unknown) == (1, len(rigid["error_hz"]) + 3)
     with (out / "modes.csv").open() as file:
         row = next(csv.DictReader(file))
-    assert float(row["as written ± [Hz]"]) >= variant["error_hz"][0] and float(row["R ± [Hz]"]) <= 0.01
+    assert float(row["as written ± [Hz]"]) >= variant["error_hz"][0] and row["R ± [Hz]"] == ""
     with (out / "compliances.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["as written ± [um/kN]"]]
     assert [(row["motion in"], row["force in"]) for row in rows] == [(d, d) for d in "xyz"]
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "segmented"])
+def test_a_run_of_rigid_or_segmented_parts_states_no_errors(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], fidelity: str
+) -> None:
+    damped = '[analyses.frf]\nto = "900 Hz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
+    scene.write_text(SCENE.replace('fidelity = "segmented"', f'fidelity = "{fidelity}"') + damped)
+    out = tmp_path / "run"
+    assert main(["run", str(scene), "-o", str(out), "--no-figures"]) == 0
+    printed = capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())
+    (modes,), (response,) = summary["modal"], summary["frf"].values()
+    assert set(modes["error_hz"]) == {None} and response["error"] is None
+    assert "± <" not in printed and "± covers" not in printed and f"not in ±: {fidelity} model of bar" in printed
+    for table in (out / "tables").glob("modes_*.csv"):
+        with table.open() as file:
+            assert {row["± [Hz]"] for row in csv.DictReader(file)} == {""}
 
 
 def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_has_them(

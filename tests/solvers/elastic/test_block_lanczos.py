@@ -90,6 +90,21 @@ def test_a_cluster_is_never_cut(count, end):
     assert cluster_end(np.array([1.0, 2.0, 2.004, 2.009, 3.0]), count) == end
 
 
+def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wanted(pencil):
+    # the widest gap is the one after 15
+    frequencies = np.cumprod(np.where(np.arange(200) == 15, 1.004, 1.001))
+    assert cluster_end(frequencies, 6) == 15
+
+
+def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound():
+    values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(2998) ** 1.5])
+    start = np.random.default_rng(3).standard_normal((3000, 6))
+    found = lowest_eigenpairs(lambda x: x / values[:, None], lambda x: x, start, ModeTarget(count=6), comm=COMM, dimension=3000)
+    assert not found.complete
+    np.testing.assert_allclose(found.values, values[: len(found.values)], rtol=1e-9)
+    assert len(found.values) >= 2 and found.next_value <= values[len(found.values)] * (1.0 + 1e-9)
+
+
 def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil):
     limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
     assert len(search(pencil, ModeTarget(count=5, up_to_hz=limit)).values) < 12
