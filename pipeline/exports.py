@@ -64,7 +64,7 @@ def export_state_space(
     if state.is_root:
         if state.coupled is None:
             raise ModelError("a state space is exported from machines of joined components only, not from a lumped mechanism")
-        system = damp_system(state, state.coupled.system)
+        system = damp_system(scene, state.coupled.system)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
         write_output(path, encode_mat(space, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"

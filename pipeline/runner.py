@@ -19,18 +19,15 @@ from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.contouring import run_contour_stage
 from headstock.pipeline.stages.control import run_control_stage
 from headstock.pipeline.stages.frf import run_frf_stage
-from headstock.pipeline.stages.machine import run_couple_stage, run_modal_stage, run_static_stage
+from headstock.pipeline.stages.machine import run_couple_stage
 from headstock.pipeline.stages.map import run_map_stage
-from headstock.pipeline.stages.mechanism import (
-    run_lumped_frf_stage,
-    run_lumped_modal_stage,
-    run_lumped_static_stage,
-    run_place_stage,
-)
+from headstock.pipeline.stages.mechanism import run_place_stage
+from headstock.pipeline.stages.modal import run_modal_stage
 from headstock.pipeline.stages.path import run_path_stage
 from headstock.pipeline.stages.probes import run_recover_stage
 from headstock.pipeline.stages.run_state import Announcer, Observer, Outcome, ReducedComponent, RunState, run_stage
 from headstock.pipeline.stages.spread import run_spread_stage
+from headstock.pipeline.stages.static import run_static_stage
 from headstock.pipeline.stages.volume_files import write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
@@ -54,8 +51,6 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "path": run_path_stage,
     "control": run_control_stage,
 }
-# what differs once a lumped mechanism has been placed
-LUMPED_HANDLERS = HANDLERS | {"static": run_lumped_static_stage, "modal": run_lumped_modal_stage, "frf": run_lumped_frf_stage}
 
 
 def run_scene(
@@ -125,8 +120,7 @@ class _Rounds:
             make_superelements(state, announce=self._begin, observer=self._record)
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                handlers = HANDLERS if state.placed is None else LUMPED_HANDLERS
-                self.run_stage(state, stage, handlers[stage.kind])
+                self.run_stage(state, stage, HANDLERS[stage.kind])
         return state
 
     def run_stage(self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]) -> None:

@@ -161,7 +161,7 @@ def solve_variant(path: Path, choice: VariantChoice, *, pose: str | None, comm: 
         points={},
         weak_links={},
         effort=_add_steps(effort, costs),
-        mode_errors=() if modal is None else estimate_mode_errors(state, coupled, modal),
+        mode_errors=() if modal is None else estimate_mode_errors(state.parts, coupled, modal),
     )
     return _with_compliances(solution, state)
 
@@ -231,7 +231,9 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
         name: {direction: find_weakest_link(solution.coupled, name, direction, budget) for direction in DIRECTIONS}
         for name, budget in points.items()
     }
-    errors = {name: estimate_compliance_errors(state, solution.coupled, budget.displacements) for name, budget in points.items()}
+    errors = {
+        name: estimate_compliance_errors(state.parts, solution.coupled, budget.displacements) for name, budget in points.items()
+    }
     return dataclasses.replace(solution, points=points, weak_links=links, point_errors=errors)
 
 

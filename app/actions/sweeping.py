@@ -126,7 +126,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         failed = False
         if comm.rank == 0:
             results = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
-            results = name_tracked_modes(outcome.state, results)
+            results = name_tracked_modes(outcome.parts, results)
             summary = summarise_sweep(results)
             remarks = _publish(summary, results, request, job.folder, origin)
             print_sweep(summary, results, computed=outcome.computed, seconds=time.perf_counter() - start, folder=job.folder)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resample_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
@@ -305,8 +306,8 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     """Run the contour the scene asks for."""
     if not state.is_root:
         return Outcome()
-    mechanism, request = state.scene.mechanism, state.scene.analyses.contouring
-    if mechanism is None or request is None or state.placed is None:
+    mechanism, request, placed = state.scene.mechanism, state.scene.analyses.contouring, placed_mechanism(state)
+    if mechanism is None or request is None or placed is None:
         raise ValueError("a contour stage needs a placed mechanism and a contour in the scene")
     if not request.damping_ratios:
         state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
@@ -314,7 +315,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         state.warn("the contour is run in air: write [effects] cutting_force = true to cut")
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
     # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
-    model = dataclasses.replace(state.placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
+    model = dataclasses.replace(placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
     run = run_contour(mechanism, model, request, record=record)
     found = summarise_contour(mechanism, model, request, run)
     if record is not None:

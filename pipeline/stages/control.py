@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.coupling.coupling import CoupledMachine
@@ -47,7 +47,9 @@ def drive_machine(state: RunState, coupled: CoupledMachine) -> DrivenMachine:
     trains = place_drives(coupled, state.scene.machine, state.scene.drives.values())
     released = release_motors(coupled, trains)
     modes = solve_modal(released.system)
-    return DrivenMachine(released, modes, damp_system(state, released.system, modes), trains)
+    for message in warn_of_no_damping(state.scene, released.system):
+        state.warn(message)
+    return DrivenMachine(released, modes, damp_system(state.scene, released.system, modes), trains)
 
 
 def run_control_stage(state: RunState, stage: Stage) -> Outcome:

@@ -8,7 +8,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.planning.planner import has_choice
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.estimates.interface_doubts import doubted_energies
@@ -26,17 +26,17 @@ NAMED_INTERFACES = 8
 UM_PER_KN = 1e9  # m/N
 
 
-def estimate_mode_errors(state: RunState, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
+def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
     """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors.
 
     None is given where no body has an estimate of its mesh: rigid and segmented models leave out more than anything that is known.
     """
     count = len(modes.frequencies_hz)
     squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)
-    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), *_coupled_areas(state))
+    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), *_coupled_areas(parts))
     effects = {name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()}
-    kinds = Estimate({}, _name_kinds(state, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
-    unknown = [combine_estimates([name_what_is_left_out(state, coupled), kinds])] * count
+    kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
+    unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
     if not meshes:
         return tuple(unknown)
@@ -46,24 +46,24 @@ def estimate_mode_errors(state: RunState, coupled: CoupledMachine, modes: ModalR
         _estimate_reduction(coupled, modes),
         unknown,
     )
-    return tuple(combine_estimates(parts) for parts in zip(*sources, strict=True))
+    return tuple(combine_estimates(each) for each in zip(*sources, strict=True))
 
 
-def estimate_compliance_errors(state: RunState, coupled: CoupledMachine, displacements: FloatArray) -> dict[str, Estimate]:
+def estimate_compliance_errors(parts: MachineParts, coupled: CoupledMachine, displacements: FloatArray) -> dict[str, Estimate]:
     """An estimate [m/N] of the compliance in x, y and z at a point; the reduction adds nothing to it.
 
     Args:
-        state: Of the run.
+        parts: Of the machine.
         coupled: The machine.
         displacements: ``(n, 6)`` responses to unit loads at the point.
     """
     energies = compliance_mesh_errors(coupled, displacements)
     meshes = _estimate_parts(DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6)
     faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
-    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), *_coupled_areas(state))
+    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), *_coupled_areas(parts))
     soft = np.einsum("im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3])
-    kinds = Estimate({}, _name_kinds(state, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
-    unknown = combine_estimates([name_what_is_left_out(state, coupled), kinds])
+    kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
+    unknown = combine_estimates([name_what_is_left_out(parts, coupled), kinds])
     return {direction: combine_estimates([meshes[i], faces[i], unknown]) for i, direction in enumerate(DIRECTIONS)}
 
 
@@ -101,11 +101,11 @@ def _silent_imports(coupled: CoupledMachine) -> list[str]:
     return [name for name, part in coupled.layout.superelements.items() if part.modal_count and part.errors.truncation is None]
 
 
-def _coupled_areas(state: RunState) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
+def _coupled_areas(parts: MachineParts) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
     """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and materials."""
     areas, materials = {}, {}
-    for name, component in state.plan.components.items():
-        quality = state.reduced[name].quality
+    for name, component in parts.plan.components.items():
+        quality = parts.reduced[name].quality
         if quality is not None and has_choice(component):
             materials[name] = component.material
             for interface, settings in component.interfaces.items():
@@ -116,7 +116,7 @@ def _coupled_areas(state: RunState) -> tuple[dict[tuple[str, str], float], dict[
 
 
 def _name_kinds(
-    state: RunState, effects: Mapping[str, FloatArray], values: FloatArray, *, unit: str, factor: float
+    parts: MachineParts, effects: Mapping[str, FloatArray], values: FloatArray, *, unit: str, factor: float
 ) -> tuple[str, ...]:
     """The interfaces whose kind may matter, with the size of that; none where it is small beside every number."""
     together = np.sum([np.zeros(len(values)), *effects.values()], axis=0)
@@ -130,26 +130,26 @@ def _name_kinds(
         f" and {len(large) - NAMED_INTERFACES} more" if len(large) > NAMED_INTERFACES else ""
     )
     size = float(f"{factor * float(together.max()):.1g}")
-    modal = state.scene.analyses.modal
+    modal = parts.scene.analyses.modal
     remedy = "" if modal is not None and modal.spread else "; spread = true in [analyses.modal] computes it"
     return (f"rigid or averaging interfaces {named}, about {size:g} {unit} at most{remedy}",)
 
 
-def name_what_is_left_out(state: RunState, coupled: CoupledMachine) -> Estimate:
+def name_what_is_left_out(parts: MachineParts, coupled: CoupledMachine) -> Estimate:
     """What no estimate is made of: meshes of imported parts, and bodies that are no finite element model."""
     kinds: dict[str, list[str]] = {}
     surfaces = []
     for name, part in coupled.layout.superelements.items():
-        fidelity = state.plan.components[name].fidelity
+        fidelity = parts.plan.components[name].fidelity
         if part.errors.missing_energy is None:
             kinds.setdefault("the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []).append(name)
         elif part.errors.shape_stiffness is None and part.errors.missing_energy.any():
-            surfaces.append(f"the curved faces of {name}{_missed_volume(state, name)}")
+            surfaces.append(f"the curved faces of {name}{_missed_volume(parts, name)}")
     return Estimate({}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces))
 
 
-def _missed_volume(state: RunState, name: str) -> str:
-    quality = state.reduced[name].quality
+def _missed_volume(parts: MachineParts, name: str) -> str:
+    quality = parts.reduced[name].quality
     if quality is None or not quality.cad_volume > 0.0:
         return ", known from its mesh alone"
     return f" ({100.0 * abs(quality.volume / quality.cad_volume - 1.0):.1g} % of its volume)"

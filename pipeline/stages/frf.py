@@ -4,7 +4,6 @@ Errors of frequency responses and of what they say about cutting, from meshes an
 """
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,8 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
 from headstock.pipeline.results.frf import PortFigures, PoseResponse, ResponseCurves
 from headstock.pipeline.stages.estimates import name_what_is_left_out
-from headstock.pipeline.stages.machine import DAMPING, damp_system, solve_all_modes
-from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.run_state import MachineParts, Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
@@ -27,7 +26,6 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
     soften_response,
 )
-from headstock.reduction.motions.mode_naming import name_modes
 from headstock.scene.requests import FrfRequest
 from headstock.solvers.linear.frequency_response import (
     UNDAMPED,
@@ -72,25 +70,25 @@ class ResponseEstimate:
 
 
 def estimate_response_errors(
-    state: RunState, system: SecondOrderSystem, coupled: CoupledMachine, modes: ModalResult, response: FrequencyResponse
+    parts: MachineParts, system: SecondOrderSystem, coupled: CoupledMachine, modes: ModalResult, response: FrequencyResponse
 ) -> ResponseEstimate:
     """Change of every line of a response by finer meshes and by the modes left out.
 
     Args:
-        state: Of the run.
+        parts: Of the machine.
         system: With the damping of the scene.
         coupled: The machine.
         modes: All undamped modes of the system.
         response: What is judged.
     """
-    lossy = DAMPING in state.scene.effects and not state.scene.modal_damping
+    lossy = DAMPING in parts.scene.effects and not parts.scene.modal_damping
     truncated, meshed = truncated_parts(coupled), meshed_parts(coupled)
     names = [name for name in coupled.layout.superelements if lossy and name in truncated.keys() | meshed.keys()]
-    losses = {name: state.plan.components[name].material.loss_factor for name in names}
+    losses = {name: parts.plan.components[name].material.loss_factor for name in names}
     ports = (input_columns(system, response.inputs), output_rows(system, response.outputs))
     space = project_response(system, ErrorSources(truncated, meshed, losses), modes, ports, float(response.frequencies_hz.max()))
     errors = bound_response_errors(space, response.frequencies_hz)
-    return ResponseEstimate(errors, space, name_what_is_left_out(state, coupled).left_out)
+    return ResponseEstimate(errors, space, name_what_is_left_out(parts, coupled).left_out)
 
 
 def add_figure_errors(
@@ -147,49 +145,44 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
     """Frequency response at the ports asked for, from 0 Hz on, with what it says about cutting."""
     if not state.is_root:
         return Outcome()
-    coupled = state.coupled
-    if coupled is None:
-        raise ValueError("a frequency response needs a coupled machine before it")
-    return respond(state, stage, coupled.system, lambda modes: name_modes(coupled, modes).names, coupled)
+    solved = respond(pose_model(state))
+    response = solved.answer
+    state.responses.append(response)
+    detail = f"{len(response.curves.frequencies_hz)} frequencies, {response.method}"
+    return Outcome(detail=detail, warnings=solved.warnings)
 
 
-def respond(
-    state: RunState,
-    stage: Stage,
-    bare: SecondOrderSystem,
-    name_shapes: Callable[[ModalResult], tuple[str, ...]],
-    coupled: CoupledMachine | None = None,
-) -> Outcome:
-    """Frequency response of a system with the damping of the scene.
+def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
+    """Frequency response of a machine in a pose with the damping of its scene.
 
     Args:
-        state: Of the run; the response is added to it.
-        stage: With its pose.
-        bare: The system as coupled.
-        name_shapes: What its natural modes are called.
-        coupled: The machine whose errors are wanted; None for none.
+        machine: In the pose.
+        judged: Name the softest modes, and estimate errors of a machine of superelements.
     """
-    request, pose = state.scene.analyses.frf, stage.pose
-    if request is None or pose is None:
-        raise ValueError("a frequency response stage needs a pose and an analysis in the scene")
-    modes = solve_all_modes(state, bare)
-    system = damp_system(state, bare, modes)
+    scene, bare, modes = machine.parts.scene, machine.system, machine.all_modes
+    request, coupled = scene.analyses.frf, machine.coupled
+    if request is None:
+        raise ValueError("a frequency response needs an analysis in the scene")
+    system = damp_system(scene, bare, modes)
+    warnings = [*warn_of_no_damping(scene, bare)]
     model = prepare_frf(system, inputs=request.inputs, outputs=request.outputs, modes=modes)
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
     damped = system.damping is not None or system.hysteretic is not None
     bounded = bool((np.abs(poles.real) > UNDAMPED * np.abs(poles))[np.abs(poles) <= 2.0 * np.pi * request.to_hz].all())
     if not bounded:
-        state.warn(
+        warnings.append(
             "frequency response: a mode in the range has no damping, so its peak has no top; "
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
     figures = find_stability_figures(model, response) if bounded else ()
-    estimate = None if coupled is None else estimate_response_errors(state, system, coupled, modes, response)
+    estimate = None
+    if judged and coupled is not None:
+        estimate = estimate_response_errors(machine.parts, system, coupled, modes, response)
     near = keep_lowest(modes, up_to_hz=NAMED_MARGIN * request.to_hz)
     found = PoseResponse(
         curves=ResponseCurves(
-            pose,
+            machine.pose.name,
             response.inputs,
             response.outputs,
             response.frequencies_hz,
@@ -203,12 +196,13 @@ def respond(
         free_body=_name_entries(response),
         singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
         figures=add_figure_errors(
-            _port_figures(request, model, figures, (near.frequencies_hz, name_shapes(near))), response, estimate
+            _port_figures(request, model, figures, (near.frequencies_hz, machine.name_modes(near).names if judged else ())),
+            response,
+            estimate,
         ),
         error_left_out=() if estimate is None else estimate.left_out,
     )
-    state.responses.append(found)
-    return Outcome(detail=f"{len(response.frequencies_hz)} frequencies, {response.method}")
+    return Solved(found, tuple(warnings))
 
 
 def frequency_grid(request: FrfRequest, poles: ComplexArray) -> FloatArray:

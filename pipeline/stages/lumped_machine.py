@@ -34,7 +34,7 @@ class PlacedMechanism:
     springs: LegSprings
     state: FloatArray
     motions: SmallMotions
-    superelements: dict[str, Superelement]
+    superelements: Mapping[str, Superelement]
     placements: dict[str, Frame]
     body_motions: dict[str, FloatArray]
 
@@ -111,7 +111,9 @@ def place_mechanism(
     mechanism: SceneMechanism,
     model: CompliantMechanism,
     state: FloatArray,
-    bodies: tuple[dict[str, Superelement], dict[str, Frame]],
+    *,
+    superelements: Mapping[str, Superelement],
+    own: Mapping[str, Frame],
 ) -> PlacedMechanism:
     """A lumped mechanism in a pose.
 
@@ -119,11 +121,11 @@ def place_mechanism(
         mechanism: Of the scene.
         model: From :func:`build_compliant_mechanism`.
         state: ``(n,)`` closed state.
-        bodies: Superelements and placements of all components; those that are not carried stand still in the machine frame.
+        superelements: By component; those that are not carried stand still in the machine frame.
+        own: Frame of each component on its mark.
     """
     if mechanism.springs is None:
         raise ValueError("a lumped mechanism needs springs")
-    superelements, own = bodies
     motions = linearise_poses(model, state)
     placement, mounting = motions.kinematics.placement, mechanism.mounted.mounting
     placements: dict[str, Frame] = {}

@@ -14,6 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT, tool_pose
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest
 from headstock.scene.scene import SceneMechanism
@@ -178,10 +179,10 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
 
 def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     """Survey the grid, shared out over the ranks."""
-    mechanism, request = state.scene.mechanism, state.scene.analyses.map
+    mechanism, request, placed = state.scene.mechanism, state.scene.analyses.map, placed_mechanism(state)
     if mechanism is None or request is None:
         raise ValueError("a map stage needs a mechanism and a map in the scene")
-    model = state.comm.bcast(None if state.placed is None else state.placed.model, root=0)
+    model = state.comm.bcast(None if placed is None else placed.model, root=0)
     if model is None:
         raise ValueError("a map stage needs a placed mechanism")
     found = map_workspace(mechanism, model, request, comm=state.comm)

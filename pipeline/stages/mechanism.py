@@ -1,31 +1,37 @@
-"""The stages of a lumped mechanism: place it in a pose, static compliance, natural modes. Only rank 0 has anything to do."""
+"""A lumped mechanism in a pose: what analyses ask of it, and the stage that places it."""
 
-import dataclasses
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, rigid_map
-from headstock.geometry.machine.machine import position_units
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_map
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.results import PointCompliance, PoseModes, describe_state
-from headstock.pipeline.results.views import PointView, PoseView, ShiftArray, component_skin
-from headstock.pipeline.stages.frf import respond
+from headstock.pipeline.results.results import PointCompliance, describe_state
+from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
 from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
     place_mechanism,
     spring_shares,
 )
-from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.pipeline.stages.machine import add_view
+from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
+from headstock.reduction.motions.mode_naming import NamedModes
+from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import pose_system
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.second_order import Port, SecondOrderSystem
 
 SWING_SHARE = 0.5  # kinetic energy of the legs from which a mode is called theirs
 NAMED_SHARE = 0.2
@@ -33,172 +39,176 @@ LUMPED = Estimate(left_out=("the lumped model itself: rigid bodies on the spring
 PLATFORM_MOTIONS = ("swings about the common axis", "tilts between legs 1 and 2", "plunges")
 
 
+@dataclass(frozen=True, eq=False)
+class LumpedPose:
+    """A lumped mechanism in a pose; see :class:`PoseModel`. Each component has six superelement dofs, of its centre of mass."""
+
+    parts: MachineParts
+    pose: Pose
+    placed: PlacedMechanism
+
+    @property
+    def coupled(self) -> None:
+        """There are no superelements to couple."""
+
+    @functools.cached_property
+    def system(self) -> SecondOrderSystem:
+        """Its equations of motion in the compliant coordinates."""
+        points, placed = self.parts.scene.machine.points, self.placed
+        return pose_system(placed.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
+
+    @functools.cached_property
+    def all_modes(self) -> ModalResult:
+        """All undamped modes of the system."""
+        return solve_modal(self.system)
+
+    @property
+    def placements(self) -> Mapping[str, Frame]:
+        """Frame of each component in the machine frame."""
+        return self.placed.placements
+
+    @property
+    def offsets(self) -> dict[str, slice]:
+        """Component to its rows among the superelement dofs."""
+        return {name: slice(6 * number, 6 * number + 6) for number, name in enumerate(self.placed.body_motions)}
+
+    def expand(self, motions: FloatArray) -> FloatArray:
+        """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
+        return np.concatenate([moving @ motions for moving in self.placed.body_motions.values()])
+
+    def push(self, port: Port) -> FloatArray:
+        """Motion of the system ``(n,)`` under a unit force at a port."""
+        return solve_static(self.system, self.system.inputs[port]).displacements
+
+    def name_modes(self, modes: ModalResult) -> NamedModes:
+        """Names, strain energy by leg and kinetic energy by component."""
+        strain = tuple(self._leg_shares(shape) for shape in modes.shapes.T)
+        kinetic = tuple(self._kinetic_shares(shape) for shape in modes.shapes.T)
+        names = tuple(self._name_mode(modes.shapes[:, mode], strain[mode], kinetic[mode]) for mode in range(len(strain)))
+        return NamedModes(names, strain, kinetic)
+
+    def estimate_mode_errors(self, modes: ModalResult) -> tuple[Estimate, ...]:
+        """Nothing is known of how far a lumped model is off."""
+        return (LUMPED,) * len(modes.frequencies_hz)
+
+    def solve_point(self, name: str) -> Solved[PointCompliance]:
+        """Static compliance at a point and its budget."""
+        system, placed = self.system, self.placed
+        loads = np.stack([system.inputs[name, dof] for dof in DOF_NAMES], axis=1)
+        moved = solve_static(system, loads).displacements
+        compliance = loads.T @ moved
+        budget = {direction: spring_shares(placed, moved[:, column]) for column, direction in enumerate(DIRECTIONS)}
+        softest = DIRECTIONS[int(np.argmax(np.diag(compliance)[:3]))]
+        weakest, share = max(budget[softest].items(), key=lambda item: item[1])
+        # the legs are in series with the tool: halving a part's compliance takes half its share away
+        sentence = (
+            f"{weakest} gives {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by"
+            f" {-50 * share:+.0f} %"
+        )
+        gravity = self.parts.plan.gravity
+        sag = None if gravity is None else loads.T @ solve_static(system, placed.motions.gravity).displacements
+        return Solved(PointCompliance(compliance, budget, sentence, sag))
+
+    def view(self) -> PoseView:
+        """What is drawn of the pose without motions."""
+        points = {
+            name: PointView(str(point.tool), str(point.work), self.placed.position_of(point.tool))
+            for name, point in self.parts.scene.machine.points.items()
+        }
+        return PoseView(dict(self.placements), {}, points)
+
+    def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
+        """Displacement ``(k, n, 3)`` of every skin point in machine axes."""
+        found: dict[str, ShiftArray] = {}
+        for name, skin in skins.items():
+            rotation, center = self.placements[name].rotation, self.placed.superelements[name].center_of_mass
+            moved = rigid_map(skin.points @ rotation.T, rotation @ center) @ motions[self.offsets[name]]
+            found[name] = moved.T.reshape(motions.shape[1], -1, 3).astype(np.float32)
+        return found
+
+    def _leg_shares(self, shape: FloatArray) -> dict[str, float]:
+        parts = spring_shares(self.placed, shape)
+        return {leg: sum(share for part, share in parts.items() if part.startswith(f"{leg}.")) for leg in LEGS}
+
+    def _kinetic_shares(self, shape: FloatArray) -> dict[str, float]:
+        found = {}
+        for name, body in self.placed.superelements.items():
+            motion, rotation = self.placed.body_motions[name] @ shape, self.placements[name].rotation
+            spin = rotation.T @ motion[3:]
+            found[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(spin @ body.inertia @ spin)
+        total = sum(found.values())
+        return {name: value / total for name, value in found.items()}
+
+    def _name_mode(self, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float]) -> str:
+        carries = scene_mechanism(self.parts).carries
+        by_leg = {
+            leg: sum(share for name, share in kinetic.items() if carries.get(name) in (leg, f"tip_{number}"))
+            for number, leg in enumerate(LEGS, 1)
+        }
+        on = " + ".join(leg for leg in LEGS if strain[leg] >= NAMED_SHARE)
+        if sum(by_leg.values()) >= SWING_SHARE:
+            swinging = " + ".join(leg for leg in LEGS if by_leg[leg] >= NAMED_SHARE)
+            return f"{swinging} swings" if "+" not in swinging else f"{swinging} swing"
+        mechanism, motions = self.placed.model.mechanism, self.placed.motions
+        rates = motions.from_compliant @ shape
+        speed = motions.kinematics.of_position[mechanism.marks.index("wrist_4")] @ rates
+        own = motions.kinematics.placement.rotations[mechanism.marks.index("platform")].T @ speed
+        return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
+
+
+def build_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> CompliantMechanism:
+    """Bodies and springs of the lumped mechanism of a scene, in every pose."""
+    return build_compliant_mechanism(
+        scene_mechanism(parts),
+        superelements,
+        {name: component.placement for name, component in parts.plan.components.items()},
+        parts.plan.gravity,
+        stiffening=GRAVITY_STIFFENING in parts.scene.effects,
+    )
+
+
+def place_pose(parts: MachineParts, pose: Pose, model: CompliantMechanism, superelements: Mapping[str, Superelement]) -> LumpedPose:
+    """Close the loops of a lumped mechanism in a pose and make small motions about it.
+
+    Args:
+        parts: Of the machine.
+        pose: Of the tool.
+        model: From :func:`build_mechanism`.
+        superelements: By component; rigid.
+
+    Raises:
+        PoseError: The mechanism does not reach the pose.
+    """
+    mechanism = scene_mechanism(parts)
+    own = {name: component.placement for name, component in parts.plan.components.items()}
+    closed = solve_pose(mechanism, pose.positions)
+    return LumpedPose(parts, pose, place_mechanism(mechanism, model, closed, superelements=superelements, own=own))
+
+
 def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     """Close the loops in a pose and make small motions about it."""
     if not state.is_root:
         return Outcome()
-    mechanism = _mechanism(state)
-    pose = state.plan.poses[_pose_name(stage)]
-    superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
-    own = {name: component.placement for name, component in state.plan.components.items()}
-    stiffening = GRAVITY_STIFFENING in state.scene.effects
-    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity, stiffening=stiffening)
-    coordinates = solve_pose(mechanism, pose.positions)
-    placed = place_mechanism(mechanism, model, coordinates, (superelements, own))
-    stand = describe_state(mechanism, coordinates)
-    state.placed, state.mechanism[pose.name] = placed, stand
-    state.skins = {
-        name: component_skin(state.plan.components[name], part.superelement, part.skin) for name, part in state.reduced.items()
-    }
-    points = {
-        name: PointView(str(point.tool), str(point.work), placed.position_of(point.tool))
-        for name, point in state.scene.machine.points.items()
-    }
-    state.views[pose.name] = PoseView(dict(placed.placements), {}, points)
+    parts = state.parts
+    model = place_pose(parts, state.plan.poses[pose_name(stage)], build_mechanism(parts, parts.superelements), parts.superelements)
+    stand = describe_state(scene_mechanism(parts), model.placed.state)
+    state.model, state.mechanism[model.pose.name] = model, stand
+    add_view(state)
     legs = ", ".join(f"{1e3 * stand.coordinates[name]:.1f}" for name in LENGTHS)
     return Outcome(detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}")
 
 
-def run_lumped_static_stage(state: RunState, stage: Stage) -> Outcome:
-    """Compliance and its budget at every point asked for."""
-    if not state.is_root:
-        return Outcome()
-    placed, request = _placed(state), state.scene.analyses.static
-    names = () if request is None else request.at
-    system = _system(state, placed)
-    state.static[_pose_name(stage)] = {name: _point_compliance(state, placed, system, name) for name in names}
-    pushes = {
-        f"{name} {direction}": _shift_skins(state, placed, solve_static(system, system.inputs[name, direction]).displacements)
-        for name in names
-        for direction in DIRECTIONS
-    }
-    single = {push: {name: shift[0] for name, shift in shifts.items()} for push, shifts in pushes.items()}
-    state.views[_pose_name(stage)] = dataclasses.replace(state.views[_pose_name(stage)], pushes=single)
-    return Outcome(detail=", ".join(names))
+def placed_mechanism(state: RunState) -> PlacedMechanism | None:
+    """The lumped mechanism in the pose at hand; None of another machine."""
+    return state.model.placed if isinstance(state.model, LumpedPose) else None
 
 
-def run_lumped_modal_stage(state: RunState, stage: Stage) -> Outcome:
-    """Natural modes with names, strain energy by leg and kinetic energy by component."""
-    if not state.is_root:
-        return Outcome()
-    placed, request = _placed(state), state.scene.analyses.modal
-    if request is None:
-        raise ValueError("a modal stage needs a modal analysis in the scene")
-    result = solve_modal(_system(state, placed), count=request.count, up_to_hz=request.up_to_hz)
-    count = len(result.frequencies_hz)
-    strain = tuple(_leg_shares(placed, result.shapes[:, mode]) for mode in range(count))
-    kinetic = tuple(_kinetic_shares(placed, result.shapes[:, mode]) for mode in range(count))
-    names = tuple(_name_mode(state, placed, result.shapes[:, mode], strain[mode], kinetic[mode]) for mode in range(count))
-    state.modal.append(
-        PoseModes(
-            pose=state.plan.poses[_pose_name(stage)],
-            pose_units=position_units(state.scene.machine),
-            frequencies_hz=result.frequencies_hz,
-            rigid_count=result.rigid_count,
-            errors=(LUMPED,) * count,
-            damping_ratio=(None,) * count,
-            damped_hz=(None,) * count,
-            mode_names=names,
-            energy_share=strain,
-            kinetic_share=kinetic,
-            shapes=np.vstack([placed.body_motions[name] @ result.shapes for name in state.reduced]),
-            placements=dict(placed.placements),
-        )
-    )
-    shifts = _shift_skins(state, placed, result.shapes)
-    state.views[_pose_name(stage)] = dataclasses.replace(state.views[_pose_name(stage)], shifts=shifts)
-    return Outcome(detail=f"{count} modes, {result.frequencies_hz[0]:.4g} .. {result.frequencies_hz[-1]:.4g} Hz")
+def scene_mechanism(parts: MachineParts) -> SceneMechanism:
+    """The mechanism of a scene.
 
-
-def run_lumped_frf_stage(state: RunState, stage: Stage) -> Outcome:
-    """Frequency response at points."""
-    if not state.is_root:
-        return Outcome()
-    placed = _placed(state)
-
-    def name_shapes(modes: ModalResult) -> tuple[str, ...]:
-        shares = [(shape, _leg_shares(placed, shape), _kinetic_shares(placed, shape)) for shape in modes.shapes.T]
-        return tuple(_name_mode(state, placed, *each) for each in shares)
-
-    return respond(state, stage, _system(state, placed), name_shapes)
-
-
-def _system(state: RunState, placed: PlacedMechanism) -> SecondOrderSystem:
-    points = state.scene.machine.points
-    return pose_system(placed.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
-
-
-def _point_compliance(state: RunState, placed: PlacedMechanism, system: SecondOrderSystem, name: str) -> PointCompliance:
-    loads = np.stack([system.inputs[name, dof] for dof in DOF_NAMES], axis=1)
-    moved = solve_static(system, loads).displacements
-    compliance = loads.T @ moved
-    budget = {direction: spring_shares(placed, moved[:, column]) for column, direction in enumerate(DIRECTIONS)}
-    softest = DIRECTIONS[int(np.argmax(np.diag(compliance)[:3]))]
-    weakest, share = max(budget[softest].items(), key=lambda item: item[1])
-    # the legs are in series with the tool: halving a part's compliance takes half its share away
-    sentence = f"{weakest} gives {100 * share:.0f} % of the {softest} compliance; doubling its stiffness changes it by {-50 * share:+.0f} %"
-    sag = None if state.plan.gravity is None else loads.T @ solve_static(system, placed.motions.gravity).displacements
-    return PointCompliance(compliance, budget, sentence, sag)
-
-
-def _leg_shares(placed: PlacedMechanism, shape: FloatArray) -> dict[str, float]:
-    parts = spring_shares(placed, shape)
-    return {leg: sum(share for part, share in parts.items() if part.startswith(f"{leg}.")) for leg in LEGS}
-
-
-def _kinetic_shares(placed: PlacedMechanism, shape: FloatArray) -> dict[str, float]:
-    found = {}
-    for name, body in placed.superelements.items():
-        motion, rotation = placed.body_motions[name] @ shape, placed.placements[name].rotation
-        spin = rotation.T @ motion[3:]
-        found[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(spin @ body.inertia @ spin)
-    total = sum(found.values())
-    return {name: value / total for name, value in found.items()}
-
-
-def _name_mode(
-    state: RunState, placed: PlacedMechanism, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float]
-) -> str:
-    carries = _mechanism(state).carries
-    by_leg = {
-        leg: sum(share for name, share in kinetic.items() if carries.get(name) in (leg, f"tip_{number}"))
-        for number, leg in enumerate(LEGS, 1)
-    }
-    on = " + ".join(leg for leg in LEGS if strain[leg] >= NAMED_SHARE)
-    if sum(by_leg.values()) >= SWING_SHARE:
-        swinging = " + ".join(leg for leg in LEGS if by_leg[leg] >= NAMED_SHARE)
-        return f"{swinging} swings" if "+" not in swinging else f"{swinging} swing"
-    mechanism, motions = placed.model.mechanism, placed.motions
-    rates = motions.from_compliant @ shape
-    speed = motions.kinematics.of_position[mechanism.marks.index("wrist_4")] @ rates
-    own = motions.kinematics.placement.rotations[mechanism.marks.index("platform")].T @ speed
-    return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
-
-
-def _shift_skins(state: RunState, placed: PlacedMechanism, shapes: FloatArray) -> dict[str, ShiftArray]:
-    """Displacement ``(modes, n, 3)`` of every skin point in machine axes."""
-    columns = shapes.reshape(len(shapes), -1)
-    found: dict[str, ShiftArray] = {}
-    for name, skin in state.skins.items():
-        rotation, center = placed.placements[name].rotation, placed.superelements[name].center_of_mass
-        moved = rigid_map(skin.points @ rotation.T, rotation @ center) @ placed.body_motions[name] @ columns
-        found[name] = moved.T.reshape(columns.shape[1], -1, 3).astype(np.float32)
-    return found
-
-
-def _mechanism(state: RunState) -> SceneMechanism:
-    if state.scene.mechanism is None:
+    Raises:
+        ValueError: It has none.
+    """
+    if parts.scene.mechanism is None:
         raise ValueError("the scene has no mechanism")
-    return state.scene.mechanism
-
-
-def _placed(state: RunState) -> PlacedMechanism:
-    if state.placed is None:
-        raise ValueError("an analysis needs a placed mechanism before it")
-    return state.placed
-
-
-def _pose_name(stage: Stage) -> str:
-    if stage.pose is None:
-        raise ValueError(f"a {stage.kind} stage needs a pose")
-    return stage.pose
+    return parts.scene.mechanism

@@ -17,7 +17,7 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
 from headstock.pipeline.results.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
@@ -154,11 +154,13 @@ def choose_model(request: PathRequest) -> PathModel:
 
 def build_plant(state: RunState, request: PathRequest, position: float) -> PosedModes:
     """The machine at a position of the path [m]: the damping the scene names, and the acceleration along the path as an input."""
-    superelements = {name: state.reduced[name].superelement for name in state.plan.components}
+    superelements = state.parts.superelements
     machine = state.scene.machine
     coupled = couple(superelements, machine, request.path.pose_at(position))
     modes = solve_modal(coupled.system)
-    damped = damp_system(state, coupled.system, modes)
+    for message in warn_of_no_damping(state.scene, coupled.system):
+        state.warn(message)
+    damped = damp_system(state.scene, coupled.system, modes)
     return stack_modes(add_path_input(damped, coupled, travel_directions(machine, request.path)), modes, coupled)
 
 
@@ -170,7 +172,7 @@ def solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> So
     """
     model = choose_model(request)
     if state.scene.drives:
-        superelements = {name: state.reduced[name].superelement for name in state.plan.components}
+        superelements = state.parts.superelements
         coupled = couple(superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length))
         loop = close_path(state, request, coupled, model.slow_hz)
         driven = tuple(drive_path(state, loop, move, sample_path(request, move)) for move in request.moves)

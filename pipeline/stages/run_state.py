@@ -1,31 +1,34 @@
 """What a run has made so far; handed from stage to stage."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from mpi4py import MPI
 
 from headstock.geometry.errors import lacks_memory, out_of_memory, printable
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
+from headstock.pipeline.results.estimates import Estimate
 from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
-from headstock.pipeline.results.views import PoseView
-from headstock.pipeline.stages.lumped_machine import PlacedMechanism
+from headstock.pipeline.results.views import PoseView, ShiftArray
 from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.second_order import Port, SecondOrderSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,91 @@ class PoseMotions:
     motions: dict[str, FloatArray] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class MachineParts:
+    """What a machine is made of, in every pose.
+
+    Attributes:
+        scene: With the effects and the analyses.
+        plan: With the settings of its components.
+        reduced: Component to what it was reduced to; on rank 0.
+    """
+
+    scene: Scene
+    plan: Plan
+    reduced: Mapping[str, ReducedComponent]
+
+    @property
+    def superelements(self) -> dict[str, Superelement]:
+        """By component, in the order of the plan."""
+        return {name: self.reduced[name].superelement for name in self.plan.components}
+
+
+@dataclass(frozen=True, eq=False)
+class Solved[T]:
+    """What an analysis found, and what is said with it: warnings, and parts of the analysis that were refused."""
+
+    answer: T
+    warnings: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
+
+
+class PoseModel(Protocol):
+    """What analyses ask of a machine in a pose, coupled of superelements or a lumped mechanism.
+
+    Motions of superelement dofs ``(n_all, k)`` hold those of all components, one below the other.
+    """
+
+    @property
+    def parts(self) -> MachineParts:
+        """What the machine is made of."""
+
+    @property
+    def pose(self) -> Pose:
+        """Where its axes are."""
+
+    @property
+    def coupled(self) -> CoupledMachine | None:
+        """The machine of superelements; None of a lumped mechanism."""
+
+    @property
+    def system(self) -> SecondOrderSystem:
+        """Its equations of motion, undamped modes and all."""
+
+    @property
+    def all_modes(self) -> ModalResult:
+        """All undamped modes of the system, solved once for the analyses that need them."""
+
+    @property
+    def placements(self) -> Mapping[str, Frame]:
+        """Frame of each component in the machine frame."""
+
+    @property
+    def offsets(self) -> dict[str, slice]:
+        """Component to its rows among the superelement dofs."""
+
+    def expand(self, motions: FloatArray) -> FloatArray:
+        """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
+
+    def push(self, port: Port) -> FloatArray:
+        """Motion of the system ``(n,)`` under a unit force or moment at a port [m/N]."""
+
+    def name_modes(self, modes: ModalResult) -> NamedModes:
+        """Names and energy shares of undamped modes."""
+
+    def estimate_mode_errors(self, modes: ModalResult) -> tuple[Estimate, ...]:
+        """An estimate [Hz] per natural frequency."""
+
+    def solve_point(self, name: str) -> Solved[PointCompliance]:
+        """Static compliance at a point, its budget and its errors."""
+
+    def view(self) -> PoseView:
+        """What is drawn of the pose without motions."""
+
+    def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
+        """Displacement ``(k, n, 3)`` of every skin point in machine axes under motions of superelement dofs."""
+
+
 @dataclass(eq=False)
 class RunState:
     """Everything stages read and add to; complete on rank 0, the others hold only meshes."""
@@ -61,8 +149,7 @@ class RunState:
     meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
     read: dict[object, ReducedComponent] = field(default_factory=dict)
-    coupled: CoupledMachine | None = None
-    all_modes: tuple[SecondOrderSystem, ModalResult] | None = None
+    model: PoseModel | None = None
     static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)
     probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
     probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
@@ -71,7 +158,6 @@ class RunState:
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
     motions: dict[str, PoseMotions] = field(default_factory=dict)
-    placed: PlacedMechanism | None = None
     mechanism: dict[str, MechanismPose] = field(default_factory=dict)
     map: Json | None = None
     contouring: Json | None = None
@@ -89,6 +175,16 @@ class RunState:
         """This is rank 0, which reads, writes and couples."""
         return int(self.comm.rank) == 0
 
+    @property
+    def parts(self) -> MachineParts:
+        """What the machine is made of."""
+        return MachineParts(self.scene, self.plan, self.reduced)
+
+    @property
+    def coupled(self) -> CoupledMachine | None:
+        """The coupled machine in the pose at hand; None before coupling and of a lumped mechanism."""
+        return None if self.model is None else self.model.coupled
+
     def warn(self, message: str | None) -> None:
         """Keep a warning, each text once, on one line and without what a terminal would obey."""
         message = printable(message or "")
@@ -98,10 +194,19 @@ class RunState:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a stage went: whether its result came from the store, and what came out, in a few words."""
+    """How a stage went.
+
+    Attributes:
+        cached: Its result came from the store.
+        detail: What came out, in a few words.
+        warnings: In plain words.
+        failures: Analyses that were refused, with the reason.
+    """
 
     cached: bool = False
     detail: str = ""
+    warnings: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
 
 
 Announcer = Callable[[Stage], None]
@@ -136,8 +241,33 @@ def run_stage(
             if lacks_memory(error) and not isinstance(error, MeshError):
                 raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
             raise
+    for message in outcome.warnings:
+        state.warn(message)
+    state.failures += [message for message in outcome.failures if message not in state.failures]
     if state.is_root:
         observer(StageRecord(stage, cost.seconds, outcome.cached, cost.peak_rss_mb, outcome.detail, cpu_seconds=cost.cpu_seconds))
+
+
+def pose_name(stage: Stage) -> str:
+    """The pose a stage works in.
+
+    Raises:
+        ValueError: It is a stage of a component or of all poses.
+    """
+    if stage.pose is None:
+        raise ValueError(f"a {stage.kind} stage needs a pose")
+    return stage.pose
+
+
+def pose_model(state: RunState) -> PoseModel:
+    """The machine in the pose at hand.
+
+    Raises:
+        ValueError: No stage has coupled or placed it.
+    """
+    if state.model is None:
+        raise ValueError("an analysis needs a machine in a pose before it")
+    return state.model
 
 
 def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:

@@ -12,15 +12,13 @@ from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
-from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.frf import respond
-from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, build_compliant_mechanism, place_mechanism, series_parts
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
+from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, scene_mechanism
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
-from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion, pose_system, solve_pose_modes
+from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, mark_motion, solve_pose_modes
 from headstock.studies.sweeps.journals import PoseResult
 from headstock.studies.sweeps.machine_poses import POSE_ERRORS, count_wanted, list_figures
 
@@ -32,29 +30,24 @@ class LumpedPoses:
     """What all poses of a lumped mechanism share.
 
     Attributes:
-        state: Of the run that made the superelements.
+        parts: Scene and plan.
         mechanism: Of the scene.
         model: Its bodies and springs.
         superelements: By component name.
         own: Frame of each component on its mark.
     """
 
-    state: RunState
+    parts: MachineParts
     mechanism: SceneMechanism
     model: CompliantMechanism
     superelements: Mapping[str, Superelement]
     own: Mapping[str, Frame]
 
 
-def share_mechanism(state: RunState, superelements: Mapping[str, Superelement]) -> LumpedPoses:
+def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> LumpedPoses:
     """What all poses of the mechanism of a scene share."""
-    mechanism = state.scene.mechanism
-    if mechanism is None:
-        raise ValueError("the scene has no mechanism")
-    own = {name: component.placement for name, component in state.plan.components.items()}
-    stiffening = GRAVITY_STIFFENING in state.scene.effects
-    model = build_compliant_mechanism(mechanism, superelements, own, state.plan.gravity, stiffening=stiffening)
-    return LumpedPoses(state, mechanism, model, superelements, own)
+    own = {name: component.placement for name, component in parts.plan.components.items()}
+    return LumpedPoses(parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own)
 
 
 def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatArray) -> list[PoseResult]:
@@ -76,9 +69,9 @@ def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatA
             results.append(PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose)))
             continue
         values, errors = {**next(solved), "condition": np.array([survey.condition[number]])}, ""
-        if shared.state.scene.analyses.frf is not None:
+        if shared.parts.scene.analyses.frf is not None:
             try:
-                values["figures"] = _solve_response(shared, pose)
+                values["figures"] = list_figures(place_pose(shared.parts, pose, shared.model, shared.superelements))
             except POSE_ERRORS as error:
                 errors = f"frf analysis: {error}"
         results.append(PoseResult(positions[number], "failed" if errors else "done", errors, **values))
@@ -86,7 +79,7 @@ def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatA
 
 
 def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]]:
-    analyses = shared.state.scene.analyses
+    analyses = shared.parts.scene.analyses
     motions = linearise_poses(shared.model, states)
     found: list[dict[str, Any]] = [{} for _ in states]
     if analyses.modal is not None:
@@ -99,7 +92,7 @@ def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]
             values["shapes"] = shapes[number].astype(np.float32)
     if analyses.static is not None:
         turn = shared.mechanism.mounted.mounting.rotation
-        rows = [turn @ _point_motion(shared, motions, shared.state.scene.machine.points[name].tool) for name in analyses.static.at]
+        rows = [turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name].tool) for name in analyses.static.at]
         # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
         moved = np.stack(rows, axis=1)
         stretches = np.swapaxes(np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2)
@@ -137,16 +130,6 @@ def _weakest_parts(shared: LumpedPoses, states: FloatArray, energies: FloatArray
     parts = (parts / parts.sum(axis=-1, keepdims=True)).reshape(len(states), -1, len(labels))
     best = np.argmax(np.round(parts, 9), axis=-1)
     return [[labels[index] for index in row] for row in best], np.take_along_axis(parts, best[..., None], axis=-1)[..., 0]
-
-
-def _solve_response(shared: LumpedPoses, pose: Pose) -> FloatArray:
-    superelements, own = dict(shared.superelements), dict(shared.own)
-    placed = place_mechanism(shared.mechanism, shared.model, solve_pose(shared.mechanism, pose.positions), (superelements, own))
-    points = shared.state.scene.machine.points
-    system = pose_system(shared.model, placed.motions, {name: placed.motion_at(point.tool) for name, point in points.items()})
-    stage = Stage("frf", None, "", pose=pose.name)
-    respond(shared.state, stage, system, lambda modes: ("",) * len(modes.frequencies_hz))
-    return np.array([list_figures(figures) for figures in shared.state.responses.pop().figures])
 
 
 def _why_not(mechanism: SceneMechanism, pose: Pose) -> str:

@@ -10,11 +10,10 @@ from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.frf import PortFigures
 from headstock.pipeline.results.results import describe_state
 from headstock.pipeline.stages.frf import respond
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.machine import CoupledPose
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.matrices import CouplingMemo
@@ -36,21 +35,21 @@ class MachinePoses:
     """What all poses of a machine share.
 
     Attributes:
-        state: Of the run that made the superelements: its scene, plan and effects.
+        parts: Scene and plan.
         superelements: By component name.
         memo: What their couplings share.
     """
 
-    state: RunState
+    parts: MachineParts
     superelements: Mapping[str, Superelement]
     memo: CouplingMemo
 
 
-def share_machine(state: RunState, superelements: Mapping[str, Superelement]) -> MachinePoses:
+def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
     """What all poses of the machine of a scene share."""
-    static, frf = state.scene.analyses.static, state.scene.analyses.frf
+    static, frf = parts.scene.analyses.static, parts.scene.analyses.frf
     ports = {*(() if static is None else static.at), *(name for name, _ in (() if frf is None else frf.inputs + frf.outputs))}
-    return MachinePoses(state, superelements, CouplingMemo(ports))
+    return MachinePoses(parts, superelements, CouplingMemo(ports))
 
 
 def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
@@ -62,14 +61,14 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
         positions: The same as ``(k,)``, for the result.
     """
     try:
-        coupled = couple(shared.superelements, shared.state.scene.machine, pose, memo=shared.memo)
+        coupled = couple(shared.superelements, shared.parts.scene.machine, pose, memo=shared.memo)
     except PoseError as error:
         return PoseResult(positions, "unreachable", str(error))
     except POSE_ERRORS as error:
         return PoseResult(positions, "failed", f"coupling: {error}")
     values = _find_condition(shared, pose)
     errors: list[str] = []
-    analyses = shared.state.scene.analyses
+    analyses = shared.parts.scene.analyses
     for name, solve in (("static", _solve_points), ("modal", _solve_modes), ("frf", _solve_response)):
         if getattr(analyses, name) is not None:
             try:
@@ -94,14 +93,14 @@ def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count:
 
 
 def _find_condition(shared: MachinePoses, pose: Pose) -> dict[str, Any]:
-    mechanism = shared.state.scene.mechanism
+    mechanism = shared.parts.scene.mechanism
     if mechanism is None:
         return {}
     return {"condition": np.array([describe_state(mechanism, solve_pose(mechanism, pose.positions)).condition_number])}
 
 
 def _solve_points(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    request = shared.state.scene.analyses.static
+    request = shared.parts.scene.analyses.static
     budgets = [point_budget(coupled, name) for name in (() if request is None else request.at)]
     links = [_largest_family(budget.shares[direction]) for budget in budgets for direction in DIRECTIONS]
     return {
@@ -124,7 +123,7 @@ def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
 
 
 def _solve_modes(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    request = shared.state.scene.analyses.modal
+    request = shared.parts.scene.analyses.modal
     if request is None:
         return {}
     count, limit = modes_to_solve(request)
@@ -142,12 +141,10 @@ def _solve_modes(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> d
 
 
 def _solve_response(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    stage = Stage("frf", None, "", pose=pose.name)
-    respond(shared.state, stage, coupled.system, lambda modes: ("",) * len(modes.frequencies_hz))
-    return {"figures": np.array([list_figures(figures) for figures in shared.state.responses.pop().figures])}
+    return {"figures": list_figures(CoupledPose(shared.parts, pose, coupled))}
 
 
-def list_figures(figures: PortFigures) -> list[float]:
-    """The figures of a port in the order of ``FIGURES``, NaN where there is none."""
-    values = [getattr(figures, name) for name in FIGURES]
-    return [np.nan if value is None else float(value) for value in values]
+def list_figures(model: PoseModel) -> FloatArray:
+    """What the frequency response in a pose says about cutting, ``(ports, f)`` as ``FIGURES`` names it, NaN where it says nothing."""
+    ports = respond(model, judged=False).answer.figures
+    return np.array([[getattr(port, name) for name in FIGURES] for port in ports], dtype=float)

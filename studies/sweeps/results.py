@@ -5,17 +5,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.planning.plan import Stage, StageKind
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.runner import HANDLERS, LUMPED_HANDLERS
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.results.results import PointCompliance, PoseModes
+from headstock.pipeline.stages.machine import couple_pose
+from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.modal import solve_pose_modes
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
+from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
 from headstock.solvers.second_order import Port
 from headstock.studies.sweeps.journals import FIGURES, PoseResult, SingleArray
@@ -211,11 +213,11 @@ def _pad(rows: Sequence[FloatArray]) -> FloatArray:
     return table
 
 
-def name_tracked_modes(state: RunState, results: SweepResults) -> SweepResults:
+def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResults:
     """The results with a name per tracked mode, and the errors of its frequency and of the compliances in the pose it was named in.
 
     Args:
-        state: Of the run that made the superelements.
+        parts: Of the machine.
         results: Of the sweep.
     """
     if results.tracked is None:
@@ -228,31 +230,39 @@ def name_tracked_modes(state: RunState, results: SweepResults) -> SweepResults:
     for number in np.argsort(far, kind="stable"):
         here = [mode for mode in np.flatnonzero(index[number] >= 0) if int(mode) not in names]
         if here:
-            alone = _solve_pose(state, results, int(number), with_static=not samples)
-            found = alone.modal[-1]
+            found, points = name_pose_modes(parts, results, int(number), with_static=not samples)
             names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
             errors = {int(mode): found.errors[index[number, mode]] for mode in here if index[number, mode] >= found.rigid_count}
-            points = {name: point.errors for points in alone.static.values() for name, point in points.items()}
-            samples.append(SampledErrors(int(number), errors, points))
+            samples.append(SampledErrors(int(number), errors, {name: point.errors for name, point in points.items()}))
         if len(names) == index.shape[1]:
             break
     ordered = tuple(names[mode] for mode in range(index.shape[1]))
     return dataclasses.replace(results, mode_names=ordered, sampled_errors=tuple(samples))
 
 
-def _solve_pose(state: RunState, results: SweepResults, number: int, *, with_static: bool) -> RunState:
-    """All modes of a pose with names and errors, and its compliances where they are wanted and swept, by the stages of a run."""
+def name_pose_modes(
+    parts: MachineParts, results: SweepResults, number: int, *, with_static: bool
+) -> tuple[PoseModes, dict[str, PointCompliance]]:
+    """All modes of a pose with names and errors, and its compliances.
+
+    Args:
+        parts: Of the machine.
+        results: Of the sweep.
+        number: Of the pose.
+        with_static: Compute the compliances that are swept, too; empty where the machine moves freely.
+    """
     pose = dataclasses.replace(sweep_pose(results.sweep, number), name=describe_positions(results.sweep, number))
-    count = 0 if results.modes is None else int(np.isfinite(results.modes.frequencies_hz[number]).sum())
-    static = state.scene.analyses.static if with_static else None
-    scene = dataclasses.replace(state.scene, analyses=Analyses(modal=ModalRequest(count=count), static=static))
-    plan = dataclasses.replace(state.plan, poses={pose.name: pose})
-    alone = RunState(scene, plan, MPI.COMM_SELF, state.store, reduced=state.reduced)
-    lumped = scene.is_lumped
-    handlers = LUMPED_HANDLERS if lumped else HANDLERS
-    stages: list[StageKind] = ["place", "modal"] if lumped else ["couple", "modal"]
-    if static is not None:
-        stages.append("static")
-    for kind in stages:
-        handlers[kind](alone, Stage(kind, None, "", pose=pose.name))
-    return alone
+    request = ModalRequest(count=0 if results.modes is None else int(np.isfinite(results.modes.frequencies_hz[number]).sum()))
+    static = parts.scene.analyses.static if with_static else None
+    alone = dataclasses.replace(parts, scene=dataclasses.replace(parts.scene, analyses=Analyses(modal=request, static=static)))
+    model: PoseModel
+    if parts.scene.is_lumped:
+        superelements = parts.superelements
+        model = place_pose(alone, pose, build_mechanism(alone, superelements), superelements)
+    else:
+        model = couple_pose(alone, pose)
+    modes = solve_pose_modes(model, request).answer
+    try:
+        return modes, {name: model.solve_point(name).answer for name in (() if static is None else static.at)}
+    except ModelError:
+        return modes, {}

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import make_superelements
-from headstock.pipeline.stages.run_state import Observer, RunState
+from headstock.pipeline.stages.run_state import MachineParts, Observer, RunState
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -73,14 +73,14 @@ class SweepOutcome:
         key: Of everything a pose's result depends on.
         results: One per pose, in order; None for poses that another part computes.
         computed: How many this job computed, on all ranks.
-        state: Of the run that made the superelements.
+        parts: What the machine is made of; complete on rank 0.
         superelements: By component name, without their recovery.
     """
 
     key: str
     results: tuple[PoseResult | None, ...]
     computed: int
-    state: RunState
+    parts: MachineParts
     superelements: dict[str, Superelement]
 
     def complete(self) -> list[PoseResult]:
@@ -136,18 +136,18 @@ def run_sweep(
     """
     key = share_from_root(comm, sweep_key(job.scene) if comm.rank == 0 else None)
     waiting = share_from_root(comm, _find_waiting(job, key) if comm.rank == 0 else None)
-    state, superelements = _make_components(job, comm, observer)
+    parts, superelements = _make_components(job, comm, observer)
     mine = waiting[comm.rank :: comm.size]
     if mine:
         with open_journal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
-            for count, result in enumerate(_solve_poses(job, state, superelements, mine), start=1):
+            for count, result in enumerate(_solve_poses(job, parts, superelements, mine), start=1):
                 journal.append(encode_result(result))
                 if comm.rank == 0:
                     on_pose(count, len(mine))
     _wait_for_all(comm)
     known = read_journals(job.folder, key) if comm.rank == 0 else {}
     results = tuple(known.get(positions.tobytes()) for positions in job.sweep.positions)
-    return SweepOutcome(key, results, len(waiting), state, superelements)
+    return SweepOutcome(key, results, len(waiting), parts, superelements)
 
 
 def _find_waiting(job: SweepJob, key: str) -> list[int]:
@@ -157,25 +157,25 @@ def _find_waiting(job: SweepJob, key: str) -> list[int]:
     return [number for number in waiting if number % job.part.of == job.part.number - 1]
 
 
-def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple[RunState, dict[str, Superelement]]:
+def _make_components(job: SweepJob, comm: MPI.Comm, observer: Observer) -> tuple[MachineParts, dict[str, Superelement]]:
     """Reduce every component, or take it from the store; every rank gets all superelements, without what pictures need."""
     state = RunState(job.scene, plan_scene(job.scene), comm, Store(default_store_root()))
     light = {
         name: dataclasses.replace(superelement, recovery=None)
         for name, superelement in make_superelements(state, observer=observer).items()
     }
-    return state, share_from_root(comm, light if state.is_root else None)
+    return state.parts, share_from_root(comm, light if state.is_root else None)
 
 
 def _solve_poses(
-    job: SweepJob, state: RunState, superelements: dict[str, Superelement], numbers: list[int]
+    job: SweepJob, parts: MachineParts, superelements: dict[str, Superelement], numbers: list[int]
 ) -> Iterator[PoseResult]:
     if not job.scene.is_lumped:
-        shared = share_machine(state, superelements)
+        shared = share_machine(parts, superelements)
         for number in numbers:
             yield solve_machine_pose(shared, sweep_pose(job.sweep, number), job.sweep.positions[number])
         return
-    mechanism: LumpedPoses = share_mechanism(state, superelements)
+    mechanism: LumpedPoses = share_mechanism(parts, superelements)
     for start in range(0, len(numbers), POSES_AT_ONCE):
         chunk = numbers[start : start + POSES_AT_ONCE]
         poses = [sweep_pose(job.sweep, number) for number in chunk]

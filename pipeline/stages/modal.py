@@ -1,0 +1,158 @@
+"""The modal stage: undamped modes with names and energy shares, their damping and errors. Only rank 0 has anything to do."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.machine.machine import position_units
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.estimates import Estimate
+from headstock.pipeline.results.results import PoseModes
+from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.run_state import Outcome, PoseModel, PoseMotions, RunState, Solved, pose_model
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.estimates.damping_errors import estimate_damping_errors
+from headstock.reduction.motions.body_motions import FreeMotion, find_free_motions, warn_of_free_motions
+from headstock.scene.requests import ModalRequest
+from headstock.scene.scene import Scene
+from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
+
+UNSTABLE = 1e-9
+AT_REST = 1e-6  # of the lowest elastic frequency
+LARGE_ERROR = 0.5  # of a damping ratio
+NO_DAMPING = 1e-9  # a damping ratio: roundoff
+
+
+def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
+    """Natural modes with names and energy shares."""
+    if not state.is_root:
+        return Outcome()
+    model, request = pose_model(state), state.scene.analyses.modal
+    if request is None:
+        raise ValueError(f"a {stage.kind} stage needs a modal analysis in the scene")
+    solved = solve_pose_modes(model, request)
+    modes, pose = solved.answer, model.pose.name
+    state.modal.append(modes)
+    state.motions.setdefault(pose, PoseMotions(model.offsets))
+    state.views[pose] = dataclasses.replace(state.views[pose], shifts=model.shift_skins(state.skins, modes.shapes))
+    count, found = len(modes.frequencies_hz), modes.frequencies_hz
+    span = f"{found[0]:.4g} .. {found[-1]:.4g} Hz" if count else "none in the range"
+    return Outcome(detail=f"{count} modes, {span}", warnings=solved.warnings)
+
+
+def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseModes]:
+    """Undamped modes of a machine in a pose with names, energy shares, damping and errors.
+
+    The damping of a lumped mechanism is that of its response alone: its modes have none.
+    """
+    # damping may couple every mode with every other
+    damped = model.coupled is not None and DAMPING in model.parts.scene.effects
+    if damped:
+        result = keep_lowest(model.all_modes, count=request.count, up_to_hz=request.up_to_hz)
+    else:
+        result = solve_modal(model.system, count=request.count, up_to_hz=request.up_to_hz)
+    named, errors = model.name_modes(result), model.estimate_mode_errors(result)
+    damping = _Damping()
+    if damped and model.coupled is not None:
+        damping = _damp_modes(model.parts.scene, model.coupled, model.all_modes, named.names, errors)
+    unexpected: tuple[FreeMotion, ...] = ()
+    if result.rigid_count and isinstance(model, CoupledPose):
+        unexpected = model.undeclared(find_free_motions(model.coupled))
+    count = len(result.frequencies_hz)
+    modes = PoseModes(
+        pose=model.pose,
+        pose_units=position_units(model.parts.scene.machine),
+        frequencies_hz=result.frequencies_hz,
+        rigid_count=min(result.rigid_count, count),
+        errors=errors,
+        damping_ratio=damping.ratios or (None,) * count,
+        damped_hz=damping.frequencies_hz or (None,) * count,
+        damping_error=damping.ratio_errors,
+        damped_error_hz=damping.frequency_errors_hz,
+        mode_names=named.names,
+        energy_share=named.strain_shares,
+        kinetic_share=named.kinetic_shares,
+        shapes=model.expand(result.shapes),
+        placements=dict(model.placements),
+    )
+    return Solved(modes, (*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ())))
+
+
+@dataclass(frozen=True)
+class _Damping:
+    """Damping ratios and damped frequencies [Hz] of the first undamped modes, how far each may be off, and what is to be said of them.
+
+    Empty without damping.
+    """
+
+    ratios: tuple[float | None, ...] = ()
+    frequencies_hz: tuple[float | None, ...] = ()
+    ratio_errors: tuple[float | None, ...] = ()
+    frequency_errors_hz: tuple[float | None, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def _damp_modes(
+    scene: Scene, coupled: CoupledMachine, complete: ModalResult, names: tuple[str, ...], undamped: tuple[Estimate, ...]
+) -> _Damping:
+    """Damping of the first undamped modes.
+
+    Args:
+        scene: With its damping.
+        coupled: The machine.
+        complete: All undamped modes.
+        names: Of the first of them, whose damping is wanted.
+        undamped: How far their frequencies may be off [Hz].
+    """
+    count = len(names)
+    warnings = [*warn_of_no_damping(scene, coupled.system)]
+    viscous = equivalent_viscous(damp_system(scene, coupled.system, complete), complete)
+    damped = solve_damped(viscous, complete, lowest=count)
+    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for roundoff
+    elastic = complete.frequencies_hz[complete.rigid_count :]
+    slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
+    for pole, growing_hz in zip(damped.poles, damped.frequencies_hz, strict=True):
+        if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
+            warnings.append(
+                f"a motion near {growing_hz:.4g} Hz grows by itself: its damping is negative; check the signs of the joints' damping"
+            )
+    ratios, frequencies = damping_of_undamped(damped, count)
+    ratios = tuple(0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios)
+    found = estimate_damping_errors(coupled, viscous, damped, count)
+    ratio_errors, frequency_errors = list(found.ratios), list(found.frequencies_hz)
+    given = bool(scene.modal_damping) and coupled.system.damping is None and coupled.system.hysteretic is None
+    guesses: dict[str, list[str]] = {}
+    creeping: dict[str, list[str]] = {}
+    for mode in range(complete.rigid_count, count):
+        error, ratio, hz = undamped[mode].total, ratios[mode], frequencies[mode]
+        if error is None or hz is None:
+            ratio_errors[mode] = frequency_errors[mode] = None
+        else:
+            least = error * hz / float(complete.frequencies_hz[mode])
+            known = frequency_errors[mode]
+            frequency_errors[mode] = None if known is None else max(known, least)
+        if ratio is not None and (given or not ratio):
+            ratio_errors[mode] = 0.0
+        ratio_error, words = ratio_errors[mode], f"{mode + 1} ({names[mode]})"
+        if found.creeping[mode]:
+            creeping.setdefault(found.dampers[mode], []).append(words)
+        elif error is not None and (ratio is None or ratio_error is None or ratio_error > LARGE_ERROR * abs(ratio)):
+            guesses.setdefault(found.dampers[mode], []).append(words)
+    for damper, modes in guesses.items():
+        warnings.append(
+            f"damping{_by(damper)} of mode {', '.join(modes)} is not converged: damping ratio and damped frequency are no more than rough "
+            "guesses; write a higher reduction.modes_to or a smaller mesh size. Where that moves them on and on, the damper swallows the "
+            "waves that reach it, and there is no such mode"
+        )
+    for damper, modes in creeping.items():
+        warnings.append(
+            f"mode {', '.join(modes)} is overdamped{_by(damper)}: it creeps back without oscillating; check the damping if that is not meant"
+        )
+    return _Damping(ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings))
+
+
+def _by(damper: str) -> str:
+    return f" by {damper}" if damper else ""

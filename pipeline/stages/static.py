@@ -1,0 +1,44 @@
+"""The static stage: compliance and its budget at points. Only rank 0 has anything to do."""
+
+import dataclasses
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.results import PointCompliance
+from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
+from headstock.solvers.errors import ModelError
+
+
+def run_static_stage(state: RunState, stage: Stage) -> Outcome:
+    """Compliance and its budget at every point asked for; a machine that moves freely is refused, and the run goes on."""
+    if not state.is_root:
+        return Outcome()
+    model, request = pose_model(state), state.scene.analyses.static
+    if request is None:
+        raise ValueError("a static stage needs a static analysis in the scene")
+    pose = model.pose.name
+    solved: dict[str, Solved[PointCompliance]] = {}
+    refused: tuple[str, ...] = ()
+    try:
+        for name in request.at:
+            solved[name] = model.solve_point(name)
+    except ModelError as error:
+        refused = (f"static analysis in pose {pose}: {error}",)
+    warnings = tuple(message for found in solved.values() for message in found.warnings)
+    failures = tuple(message for found in solved.values() for message in found.failures) + refused
+    if refused:
+        return Outcome(detail="refused: see below", warnings=warnings, failures=failures)
+    state.static[pose] = {name: found.answer for name, found in solved.items()}
+    motions = {
+        f"{name} {direction}": model.expand(model.push((name, direction)))
+        for name, point in state.static[pose].items()
+        for axis, direction in enumerate(DIRECTIONS)
+        if not np.isnan(point.compliance[axis, axis])
+    }
+    state.motions.setdefault(pose, PoseMotions(model.offsets)).motions.update(motions)
+    pushes = {push: model.shift_skins(state.skins, moved[:, None]) for push, moved in motions.items()}
+    single = {push: {name: shift[0] for name, shift in shifts.items()} for push, shifts in pushes.items()}
+    state.views[pose] = dataclasses.replace(state.views[pose], pushes=single)
+    return Outcome(detail=", ".join(solved), warnings=warnings, failures=failures)
