@@ -12,6 +12,7 @@ from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.answers import SummarisedAnswer
 from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
@@ -89,11 +90,20 @@ def run_scene(
         prepare_output(output, (RESULTS_FILE, SUMMARY_FILE))
     rounds = _Rounds(scene.limits.time_s, comm, store or Store(default_store_root()), observer=observer, announce=announce)
     state = _run_rounds(scene, rounds)
-    state.provenance = provenance
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps both old ones
     with PendingOutputs() as pending:
-        rounds.run_stage(state, state.plan.stages[-1], lambda state, stage: _write(state, output, pending))
-        results = gather_results(state, tuple(rounds.records))
+        files: dict[str, str] = {}
+
+        def write(state: RunState, stage: Stage) -> Outcome:
+            if state.is_root:
+                for message in find_warnings(state):
+                    state.warn(message)
+                files[RESULTS_FILE] = add_results(pending, output, gather_results(state, provenance=provenance))
+            # the others wait here, so that all ranks end together
+            return Outcome(detail=share_from_root(state.comm, str(output)))
+
+        rounds.run_stage(state, state.plan.stages[-1], write)
+        results = gather_results(state, tuple(rounds.records), provenance=provenance, files=files)
         if state.is_root:
             publish_summary(pending, output, results)
     if state.is_root:
@@ -151,36 +161,40 @@ def _run_rounds(scene: Scene, rounds: _Rounds) -> RunState:
     if search.scene.analyses != state.scene.analyses or scene.machine.probes:
         # probes need the mesh, which comes from the store
         state = rounds.run(search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced)
-    state.accuracy = search.summary
+    state.answers.append(SummarisedAnswer("accuracy", search.summary))
     if search.failure:
         state.failures.append(search.failure)
     return state
 
 
-def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Results:
-    """What a run has found so far."""
+def gather_results(
+    state: RunState,
+    records: tuple[StageRecord, ...] = (),
+    *,
+    provenance: Provenance | None,
+    files: dict[str, str] | None = None,
+) -> Results:
+    """What a run has found so far.
+
+    Args:
+        state: Of the run.
+        records: Of its stages.
+        provenance: Where the results come from.
+        files: SHA-256 by name of files that are written.
+    """
     superelements = {name: reduced.superelement for name, reduced in state.reduced.items()}
     return Results(
         name=state.scene.name,
         versions=library_versions(LIBRARIES),
         stages=records,
         components={name: gather_facts(state, name, reduced) for name, reduced in state.reduced.items()},
-        static=state.static,
-        probes=state.probes,
-        modal=tuple(state.modal),
-        mechanism=state.mechanism,
-        map=state.map,
-        contouring=state.contouring,
-        path=state.path,
-        control=dict(state.control),
-        accuracy=state.accuracy,
-        responses=tuple(state.responses),
+        answers=tuple(state.answers),
         joint_springs={name: joint.stiffness for name, joint in state.scene.machine.joints.items() if joint.stiffness.any()},
         labels=tuple(f"{name}.{'.'.join(label)}" for name, item in superelements.items() for label in item.labels),
         warnings=tuple(state.warnings),
         failures=tuple(state.failures),
-        files=dict(state.files),
-        provenance=state.provenance,
+        files=files or {},
+        provenance=provenance,
         view=MachineView(
             state.skins,
             {name: axis.direction for name, axis in state.scene.machine.axes.items()},
@@ -188,15 +202,6 @@ def gather_results(state: RunState, records: tuple[StageRecord, ...] = ()) -> Re
             {name: state.plan.components[name].material for name, skin in state.skins.items() if skin.source == "mesh"},
         ),
     )
-
-
-def _write(state: RunState, output: Path, pending: PendingOutputs) -> Outcome:
-    if state.is_root:
-        for message in find_warnings(state):
-            state.warn(message)
-        state.files[RESULTS_FILE] = add_results(pending, output, gather_results(state))
-    # the others wait here, so that all ranks end together
-    return Outcome(detail=share_from_root(state.comm, str(output)))
 
 
 def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> ComponentFacts:

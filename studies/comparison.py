@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.summary import UM_PER_KN, scale_shares
+from headstock.pipeline.results.estimates import Estimate, scale_shares
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink

@@ -91,7 +91,7 @@ def elastic_shares(state: RunState) -> dict[str, float]:
     """Largest share of the strain energy of each component in any requested number."""
     found: dict[str, float] = {}
     shares = [share for modes in state.modal for share in modes.energy_share[modes.rigid_count :]]
-    shares += [share for points in state.static.values() for point in points.values() for share in point.budget.values()]
+    shares += [share for answer in state.static for point in answer.points.values() for share in point.budget.values()]
     for table in shares:
         for name, share in table.items():
             found[name] = max(found.get(name, 0.0), share)
@@ -112,12 +112,12 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
 
 def _list_compliances(state: RunState) -> Iterator[Quantity]:
     poses = len(state.static) > 1
-    for pose, points in state.static.items():
-        for name, point in points.items():
+    for answer in state.static:
+        for name, point in answer.points.items():
             for axis, (direction, error) in enumerate(point.errors.items()):
                 value = float(point.compliance[axis, axis])
                 if value > 0.0:
-                    what = f"{direction} compliance at {name}{f' in pose {pose}' if poses else ''}"
+                    what = f"{direction} compliance at {name}{f' in pose {answer.pose}' if poses else ''}"
                     yield Quantity(what, what, value, _relative_parts(state, error, value))
 
 

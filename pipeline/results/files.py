@@ -10,12 +10,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from headstock.pipeline.results.frf import ResponseCurves, fill_curves, parse_curves
-from headstock.pipeline.results.path import PathCurves, fill_path, parse_path
-from headstock.pipeline.results.results import PoseModes, Results
+from headstock.pipeline.results.frf import ResponseCurves, parse_curves
+from headstock.pipeline.results.path import PathCurves, parse_path
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.json_texts import Json, check_finite, dump_json
+from headstock.pipeline.storage.json_texts import Json, dump_json
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
 
@@ -26,25 +26,16 @@ SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
 
 
-# pattern of the path of a data set to its unit
+# pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
-    r"labels|modal/.*/names|(frf|path)/.*/(inputs|outputs)": "",
+    r"labels": "",
     r"view/.*/(edges|nodes|triangles|cells)": "",
-    r"(view|modal)/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
-    r"(view|modal)/.*/rotation|view/axes/.*": "1",
+    r"view/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
+    r"view/.*/rotation|view/axes/.*": "1",
     r"view/poses/.*/pushes/.*": "m/N",
     r"view/poses/.*/shifts/.*": "m/sqrt(kg)",
-    r"(modal|frf)/.*/frequencies_hz": "Hz",
-    r"modal/.*/shapes": "SI: m or rad per sqrt(kg), by labels",
-    r"static/.*/compliance": "SI: m and rad per N and N m",
-    r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
     r"joints/.*/stiffness": "SI: N and N m per m and rad",
-    r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
-    r"path/.*/times": "s",
-    r"path/.*/positions": "m",
-    r"path/.*/accelerations": "m/s^2",
-    r"path/.*": "SI: m or rad, by outputs",
 }
 
 
@@ -89,26 +80,16 @@ def _fill(file: h5py.File, results: Results) -> None:
         # no attribute: a limit of HDF5 keeps long ones out
         file["provenance/scene_text"] = np.bytes_(str(content.pop("scene_text")).encode() or b"\n")
         write_words(file["provenance"], content)
-    cases = [(pose, name, point) for pose, points in results.static.items() for name, point in points.items()]
-    for pose, name, point in cases:
-        group = file.create_group(f"static/{pose}/{name}")
-        for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
-            if values is not None:
-                # with free motions NaN stands for what they leave open
-                check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values)
-                group[what] = values
     for name, stiffness in results.joint_springs.items():
         file[f"joints/{name}/stiffness"] = stiffness
     if results.labels:
         file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
     write_record(file.create_group("view", track_order=True), results.view)
-    for response in results.responses:
-        fill_curves(file.create_group(f"frf/{response.curves.pose}"), response.curves)
-    for run in results.path.runs if results.path is not None else ():
-        fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
-    for modes in results.modal:
-        _fill_modes(file.create_group(f"modal/{modes.pose.name}"), modes)
-    mark_units(file, UNITS)
+    units = dict(UNITS)
+    for answer in results.answers:
+        answer.fill(file)
+        units |= answer.units
+    mark_units(file, units)
 
 
 def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
@@ -126,20 +107,6 @@ def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
                 item.attrs["unit"] = found
 
     file.visititems(mark)
-
-
-def _fill_modes(group: h5py.Group, modes: PoseModes) -> None:
-    group["frequencies_hz"] = check_finite("natural frequencies", modes.frequencies_hz)
-    group["shapes"] = modes.shapes
-    group.attrs["rigid_count"] = modes.rigid_count
-    group["names"] = np.char.encode(np.array(modes.mode_names, dtype=str), "utf-8")
-    pose, units = group.create_group("pose"), group.create_group("pose_units")
-    for axis, position in modes.pose.positions.items():
-        pose.attrs[axis] = position
-        units.attrs[axis] = modes.pose_units.get(axis, "")
-    for name, frame in modes.placements.items():
-        group[f"placements/{name}/origin"] = frame.origin
-        group[f"placements/{name}/rotation"] = frame.rotation
 
 
 def read_summary(folder: Path) -> Json:

@@ -1,13 +1,14 @@
 """Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal, Self
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import REDUCTION
 from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.linear.frequency_response import convert_receptance
@@ -100,7 +101,7 @@ class ResponseCurves:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseResponse:
+class PoseResponse(Answer):
     """Frequency response in one pose.
 
     Attributes:
@@ -120,6 +121,20 @@ class PoseResponse:
     singular_hz: tuple[float, ...]
     figures: tuple[PortFigures, ...]
     error_left_out: tuple[str, ...] = ()
+    units: ClassVar[dict[str, str]] = {
+        r"frf/.*/(inputs|outputs)": "",
+        r"frf/.*/frequencies_hz": "Hz",
+        r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
+    }
+
+    @classmethod
+    def summarise(cls, found: Sequence[Self]) -> Json:
+        """``frf`` by pose."""
+        return {"frf": {response.curves.pose: summarise_response(response) for response in found}}
+
+    def fill(self, file: h5py.File) -> None:
+        """Write the curves."""
+        fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
 
 
 def summarise_response(response: PoseResponse) -> Json:

@@ -1,12 +1,15 @@
 """Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar, Self
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.frf import split_port
 from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
@@ -85,7 +88,7 @@ class FollowedPoses:
 
 
 @dataclass(frozen=True, eq=False)
-class PathResult:
+class PathResult(Answer):
     """A path analysis.
 
     Attributes:
@@ -121,6 +124,23 @@ class PathResult:
     runs: tuple[PathRun, ...]
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
+    units: ClassVar[dict[str, str]] = {
+        r"path/.*/(inputs|outputs)": "",
+        r"path/.*/times": "s",
+        r"path/.*/positions": "m",
+        r"path/.*/accelerations": "m/s^2",
+        r"path/.*": "SI: m or rad, by outputs",
+    }
+
+    @classmethod
+    def summarise(cls, found: Sequence[Self]) -> Json:
+        """``path``, of which there is one."""
+        return {"path": summarise_path(found[0])}
+
+    def fill(self, file: h5py.File) -> None:
+        """Write the curves of every feed."""
+        for run in self.runs:
+            fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
 
 
 def summarise_path(found: PathResult) -> Json:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.answers import SummarisedAnswer
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resample_forces, resampling_loss
@@ -325,6 +326,5 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
                 f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
                 " raise steps_per_turn in [analyses.contouring] to see it"
             )
-    state.contouring = found
     told = ", ".join(f"face {item['face']} {item['mean_um'][0]:+.1f} µm" for item in found["faces"] if item["face"] in (1, 3))
-    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}")
+    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}", answers=(SummarisedAnswer("contouring", found),))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.answers import SummarisedAnswer
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.pipeline.storage.json_texts import Json
@@ -81,8 +82,8 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         train.name: _describe_drive(train, item, found["stable"], lags[train.axis] * request.speed)
         for train, item in zip(trains, margins, strict=True)
     }
-    state.control[pose] = found
-    return Outcome(detail=f"{len(found['poles'])} poles, {'stable' if found['stable'] else 'unstable: see below'}")
+    detail = f"{len(found['poles'])} poles, {'stable' if found['stable'] else 'unstable: see below'}"
+    return Outcome(detail=detail, answers=(SummarisedAnswer("control", found, pose),))
 
 
 def _list_poles(driven: DrivenMachine, poles: LoopPoles, up_to_hz: float) -> list[Json]:

@@ -147,9 +147,8 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     solved = respond(pose_model(state))
     response = solved.answer
-    state.responses.append(response)
     detail = f"{len(response.curves.frequencies_hz)} frequencies, {response.method}"
-    return Outcome(detail=detail, warnings=solved.warnings)
+    return Outcome(detail=detail, answers=(response,), warnings=solved.warnings)
 
 
 def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:

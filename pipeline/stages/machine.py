@@ -13,7 +13,8 @@ from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.results import PointCompliance, describe_state
+from headstock.pipeline.results.mechanism import describe_state
+from headstock.pipeline.results.static import PointCompliance
 from headstock.pipeline.results.views import PoseView, ShiftArray, component_skin, shift_skins, view_pose
 from headstock.pipeline.stages.estimates import estimate_compliance_errors, estimate_mode_errors
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, Solved, pose_name
@@ -135,9 +136,9 @@ def run_couple_stage(state: RunState, stage: Stage) -> Outcome:
     model = couple_pose(state.parts, state.plan.poses[pose_name(stage)])
     state.model, mechanism = model, state.scene.mechanism
     add_view(state)
-    if mechanism is not None:
-        state.mechanism[model.pose.name] = describe_state(mechanism, solve_pose(mechanism, model.pose.positions))
-    return Outcome(detail=f"{len(model.system.labels)} dofs", warnings=tuple(model.coupled.warnings))
+    pose = model.pose
+    stand = () if mechanism is None else (describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)),)
+    return Outcome(detail=f"{len(model.system.labels)} dofs", answers=stand, warnings=tuple(model.coupled.warnings))
 
 
 def add_view(state: RunState) -> None:

@@ -14,6 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT, tool_pose
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.results.answers import SummarisedAnswer
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest
@@ -188,7 +189,6 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     found = map_workspace(mechanism, model, request, comm=state.comm)
     if found is None:
         return Outcome()
-    state.map = summarise_map(found)
     if found.torn:
         state.warn(
             f"modes of the map cannot be followed by their shape between {found.torn} pairs of neighbours;"
@@ -197,7 +197,8 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     first = found.quantities["f1_hz"]
     taken = int(np.isfinite(found.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
-    return Outcome(detail=f"{taken} of {first.size} poses{shared}, f1 {_span(first)} Hz")
+    detail = f"{taken} of {first.size} poses{shared}, f1 {_span(first)} Hz"
+    return Outcome(detail=detail, answers=(SummarisedAnswer("map", summarise_map(found)),))
 
 
 def summarise_map(found: WorkspaceMap) -> dict[str, Any]:

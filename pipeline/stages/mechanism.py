@@ -13,7 +13,8 @@ from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.results import PointCompliance, describe_state
+from headstock.pipeline.results.mechanism import describe_state
+from headstock.pipeline.results.static import PointCompliance
 from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
 from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
@@ -191,11 +192,11 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     parts = state.parts
     model = place_pose(parts, state.plan.poses[pose_name(stage)], build_mechanism(parts, parts.superelements), parts.superelements)
-    stand = describe_state(scene_mechanism(parts), model.placed.state)
-    state.model, state.mechanism[model.pose.name] = model, stand
+    stand = describe_state(scene_mechanism(parts), model.pose.name, model.placed.state)
+    state.model = model
     add_view(state)
     legs = ", ".join(f"{1e3 * stand.coordinates[name]:.1f}" for name in LENGTHS)
-    return Outcome(detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}")
+    return Outcome(detail=f"legs {legs} mm, condition number {stand.condition_number:.2f}", answers=(stand,))
 
 
 def placed_mechanism(state: RunState) -> PlacedMechanism | None:

@@ -8,7 +8,7 @@ import numpy as np
 from headstock.geometry.machine.machine import position_units
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.results import PoseModes
+from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, PoseMotions, RunState, Solved, pose_model
 from headstock.reduction.coupling.coupling import CoupledMachine
@@ -35,12 +35,11 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
         raise ValueError(f"a {stage.kind} stage needs a modal analysis in the scene")
     solved = solve_pose_modes(model, request)
     modes, pose = solved.answer, model.pose.name
-    state.modal.append(modes)
     state.motions.setdefault(pose, PoseMotions(model.offsets))
     state.views[pose] = dataclasses.replace(state.views[pose], shifts=model.shift_skins(state.skins, modes.shapes))
     count, found = len(modes.frequencies_hz), modes.frequencies_hz
     span = f"{found[0]:.4g} .. {found[-1]:.4g} Hz" if count else "none in the range"
-    return Outcome(detail=f"{count} modes, {span}", warnings=solved.warnings)
+    return Outcome(detail=f"{count} modes, {span}", answers=(modes,), warnings=solved.warnings)
 
 
 def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseModes]:

@@ -236,10 +236,9 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     try:
         solved = solve_moves(state, request, middle)
     except UnstableControlError as error:
-        state.failures.append(f"path analysis: {error}")
-        return Outcome(detail="refused: see below")
+        return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
-    state.path = PathResult(
+    answer = PathResult(
         start=dict(request.path.start.positions),
         end=dict(request.path.end.positions),
         length=request.path.length,
@@ -258,7 +257,9 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     )
     samples = sum(len(found.times) for found in solved.found)
     poses = "" if solved.poses is None else f", {solved.poses.stations} poses"
-    return Outcome(detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}")
+    return Outcome(
+        detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}", answers=(answer,)
+    )
 
 
 def run_move(request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation) -> PathRun:

@@ -7,7 +7,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Probe
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.results import ProbeResponse
+from headstock.pipeline.results.static import ProbeAnswer, ProbeResponse
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
@@ -28,10 +28,9 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
         total = np.sum(list(state.coupled.loads.values()), axis=0)
         stacked = state.coupled.basis @ solve_machine_static(state.coupled, total).displacements
     except ModelError as error:
-        state.failures.append(f"probes in pose {stage.pose}: {error}")
-        return Outcome(detail="refused: see below")
-    state.probes[stage.pose] = {name: _respond(state, state.coupled, stacked, probe) for name, probe in probes.items()}
-    return Outcome(detail=", ".join(probes))
+        return Outcome(detail="refused: see below", failures=(f"probes in pose {stage.pose}: {error}",))
+    found = {name: _respond(state, state.coupled, stacked, probe) for name, probe in probes.items()}
+    return Outcome(detail=", ".join(probes), answers=(ProbeAnswer(stage.pose, found),))
 
 
 def _respond(state: RunState, coupled: CoupledMachine, stacked: FloatArray, probe: Probe) -> ProbeResponse:

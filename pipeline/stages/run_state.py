@@ -15,13 +15,11 @@ from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
+from headstock.pipeline.results.answers import Answer, find_answers
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.frf import PoseResponse
-from headstock.pipeline.results.path import PathResult
-from headstock.pipeline.results.results import MechanismPose, PointCompliance, PoseModes, ProbeResponse
+from headstock.pipeline.results.modal import PoseModes
+from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import PoseView, ShiftArray
-from headstock.pipeline.storage.json_texts import Json
-from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.mode_naming import NamedModes
@@ -150,25 +148,14 @@ class RunState:
     reduced: dict[str, ReducedComponent] = field(default_factory=dict)
     read: dict[object, ReducedComponent] = field(default_factory=dict)
     model: PoseModel | None = None
-    static: dict[str, dict[str, PointCompliance]] = field(default_factory=dict)
     probe_meshes: dict[str, ComponentMesh] = field(default_factory=dict)
-    probes: dict[str, dict[str, ProbeResponse]] = field(default_factory=dict)
-    modal: list[PoseModes] = field(default_factory=list)
-    responses: list[PoseResponse] = field(default_factory=list)
     skins: dict[str, Skin] = field(default_factory=dict)
     views: dict[str, PoseView] = field(default_factory=dict)
     motions: dict[str, PoseMotions] = field(default_factory=dict)
-    mechanism: dict[str, MechanismPose] = field(default_factory=dict)
-    map: Json | None = None
-    contouring: Json | None = None
-    path: PathResult | None = None
+    answers: list[Answer] = field(default_factory=list)
     energy_errors: dict[str, float] = field(default_factory=dict)
-    control: dict[str, Json] = field(default_factory=dict)
-    accuracy: Json | None = None
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
-    files: dict[str, str] = field(default_factory=dict)
-    provenance: Provenance | None = None
 
     @property
     def is_root(self) -> bool:
@@ -185,6 +172,16 @@ class RunState:
         """The coupled machine in the pose at hand; None before coupling and of a lumped mechanism."""
         return None if self.model is None else self.model.coupled
 
+    @property
+    def static(self) -> tuple[StaticAnswer, ...]:
+        """Static compliances found so far, one per pose."""
+        return find_answers(self.answers, StaticAnswer)
+
+    @property
+    def modal(self) -> tuple[PoseModes, ...]:
+        """Natural modes found so far, one per pose."""
+        return find_answers(self.answers, PoseModes)
+
     def warn(self, message: str | None) -> None:
         """Keep a warning, each text once, on one line and without what a terminal would obey."""
         message = printable(message or "")
@@ -199,12 +196,14 @@ class Outcome:
     Attributes:
         cached: Its result came from the store.
         detail: What came out, in a few words.
+        answers: What it found, to be kept.
         warnings: In plain words.
         failures: Analyses that were refused, with the reason.
     """
 
     cached: bool = False
     detail: str = ""
+    answers: tuple[Answer, ...] = ()
     warnings: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
 
@@ -241,6 +240,7 @@ def run_stage(
             if lacks_memory(error) and not isinstance(error, MeshError):
                 raise out_of_memory(" ".join(filter(None, ("stage", stage.kind, stage.component)))) from error
             raise
+    state.answers += outcome.answers
     for message in outcome.warnings:
         state.warn(message)
     state.failures += [message for message in outcome.failures if message not in state.failures]

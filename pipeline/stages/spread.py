@@ -8,7 +8,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import CouplingKind
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import has_choice, recouple
-from headstock.pipeline.results.results import PoseModes
+from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.stages.components import make_superelements
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
@@ -30,12 +30,14 @@ def run_spread_stage(state: RunState, stage: Stage) -> Outcome:
     own = {name: state.reduced[name].superelement for name in state.plan.components}
     places = {name: choose_places(element) for name, element in own.items()}
     found = 0.0
-    for number, modes in enumerate(state.modal):
+    for number, modes in enumerate(state.answers):
+        if not isinstance(modes, PoseModes):
+            continue
         count = len(modes.frequencies_hz)
         reference = _solve(state, modes.pose, own, count, places)
         sets = [_solve(state, modes.pose, elements, int(BEYOND * count) + 1, places) for elements in extremes]
         spans = _find_spans(reference, sets)
-        state.modal[number] = dataclasses.replace(modes, spread_hz=spans)
+        state.answers[number] = dataclasses.replace(modes, spread_hz=spans)
         found = max([found, *(_relative(span, modes, i) for i, span in enumerate(spans) if span is not None)])
     return Outcome(detail=f"rigid to averaging interfaces move frequencies by up to {100 * found:.2g} %")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.results import PointCompliance
+from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
 from headstock.solvers.errors import ModelError
 
@@ -30,10 +30,10 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     failures = tuple(message for found in solved.values() for message in found.failures) + refused
     if refused:
         return Outcome(detail="refused: see below", warnings=warnings, failures=failures)
-    state.static[pose] = {name: found.answer for name, found in solved.items()}
+    answer = StaticAnswer(pose, {name: found.answer for name, found in solved.items()})
     motions = {
         f"{name} {direction}": model.expand(model.push((name, direction)))
-        for name, point in state.static[pose].items()
+        for name, point in answer.points.items()
         for axis, direction in enumerate(DIRECTIONS)
         if not np.isnan(point.compliance[axis, axis])
     }
@@ -41,4 +41,4 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     pushes = {push: model.shift_skins(state.skins, moved[:, None]) for push, moved in motions.items()}
     single = {push: {name: shift[0] for name, shift in shifts.items()} for push, shifts in pushes.items()}
     state.views[pose] = dataclasses.replace(state.views[pose], pushes=single)
-    return Outcome(detail=", ".join(solved), warnings=warnings, failures=failures)
+    return Outcome(detail=", ".join(solved), answers=(answer,), warnings=warnings, failures=failures)

@@ -158,8 +158,8 @@ def _stated_errors(state: RunState) -> list[tuple[str, float, Estimate]]:
     ]
     rows += [
         (f"the {direction} compliance at {name}", float(point.compliance[axis, axis]), error)
-        for points in state.static.values()
-        for name, point in points.items()
+        for answer in state.static
+        for name, point in answer.points.items()
         for axis, (direction, error) in enumerate(point.errors.items())
     ]
     return rows

@@ -10,7 +10,7 @@ from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.results.results import describe_state
+from headstock.pipeline.results.mechanism import describe_state
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
@@ -96,7 +96,7 @@ def _find_condition(shared: MachinePoses, pose: Pose) -> dict[str, Any]:
     mechanism = shared.parts.scene.mechanism
     if mechanism is None:
         return {}
-    return {"condition": np.array([describe_state(mechanism, solve_pose(mechanism, pose.positions)).condition_number])}
+    return {"condition": np.array([describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)).condition_number])}
 
 
 def _solve_points(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.estimates import Estimate
-from headstock.pipeline.results.results import PointCompliance, PoseModes
+from headstock.pipeline.results.modal import PoseModes
+from headstock.pipeline.results.static import PointCompliance
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes

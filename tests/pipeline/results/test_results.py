@@ -15,7 +15,9 @@ from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.estimates import REDUCTION, Estimate
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
-from headstock.pipeline.results.results import ComponentFacts, PointCompliance, PoseModes, Results
+from headstock.pipeline.results.modal import PoseModes
+from headstock.pipeline.results.results import ComponentFacts, Results
+from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.warnings import mesh_warnings
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, claim_output, prepare_output
@@ -45,8 +47,7 @@ def make_results() -> Results:
         versions={"numpy": "2"},
         stages=(StageRecord(Stage("mesh", "column", "elastic"), 0.42, True, 80.0),),
         components={"column": facts},
-        static={"config_1": {"tcp": POINT}},
-        modal=(MODES,),
+        answers=(StaticAnswer("config_1", {"tcp": POINT}), MODES),
         joint_springs={"guide": np.eye(6)},
         labels=("column.tip.x",),
         warnings=("linear elements lock",),
@@ -77,7 +78,11 @@ def test_compliance_is_shown_in_micrometres_per_kilonewton() -> None:
 
 def test_static_results_of_several_poses_are_all_kept_and_the_first_one_leads() -> None:
     other = dataclasses.replace(POINT, compliance=2 * COMPLIANCE)
-    summary = summarise(dataclasses.replace(make_results(), static={"config_1": {"tcp": POINT}, "config_2": {"tcp": other}}))
+    summary = summarise(
+        dataclasses.replace(
+            make_results(), answers=(StaticAnswer("config_1", {"tcp": POINT}), StaticAnswer("config_2", {"tcp": other}))
+        )
+    )
     assert summary["static"] == summary["static_poses"]["config_1"]
     assert summary["static_poses"]["config_2"]["tcp"]["compliance_6x6"][0][0] == 2e-9
 
@@ -107,7 +112,7 @@ def test_a_number_that_is_not_finite_is_an_error_and_leaves_earlier_files_alone(
     write_all(tmp_path, make_results())
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     broken = dataclasses.replace(MODES, frequencies_hz=np.array([1.0, value]))
-    results = dataclasses.replace(make_results(), modal=(broken,))
+    results = dataclasses.replace(make_results(), answers=(broken,))
     with PendingOutputs() as pending:
         with pytest.raises(AccuracyError, match="not finite"):
             add_results(pending, tmp_path, results)

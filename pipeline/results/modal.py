@@ -1,0 +1,111 @@
+"""Natural modes as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.machine import Pose
+from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.results.estimates import Estimate, scale_parts
+from headstock.pipeline.storage.json_texts import Json, check_finite
+
+
+@dataclass(frozen=True, eq=False)
+class PoseModes(Answer):
+    """Natural modes of vibration in one pose.
+
+    Attributes:
+        pose: Axis positions.
+        frequencies_hz: ``(m,)``, rigid-body modes first.
+        rigid_count: How many of them are rigid-body modes.
+        errors: How far each may be off [Hz].
+        damping_ratio: Of each; None without damping.
+        damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None without damping.
+        damped_error_hz: How far each damped frequency may be off [Hz]; None where nobody knows, zero where it is overdamped.
+        damping_error: How far each damping ratio may be off; None where nobody knows.
+        mode_names: In plain words.
+        energy_share: Per mode, share of the strain energy per component or joint.
+        kinetic_share: Per mode, share of the kinetic energy per component.
+        shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of ``labels``.
+        pose_units: Axis to the unit of its position, ``m`` or ``rad``.
+        placements: Frame of each component in the machine in this pose.
+        spread_hz: Lowest and highest frequency of each mode with every interface averaging and rigid [Hz]; None where it has no partner,
+            empty where none was asked for.
+    """
+
+    pose: Pose
+    frequencies_hz: FloatArray
+    rigid_count: int
+    errors: tuple[Estimate, ...]
+    damping_ratio: tuple[float | None, ...]
+    mode_names: tuple[str, ...]
+    energy_share: tuple[dict[str, float], ...]
+    kinetic_share: tuple[dict[str, float], ...]
+    shapes: FloatArray
+    damped_hz: tuple[float | None, ...] = ()
+    damped_error_hz: tuple[float | None, ...] = ()
+    damping_error: tuple[float | None, ...] = ()
+    pose_units: dict[str, str] = field(default_factory=dict)
+    placements: dict[str, Frame] = field(default_factory=dict)
+    spread_hz: tuple[tuple[float, float] | None, ...] = ()
+    units: ClassVar[dict[str, str]] = {
+        r"modal/.*/names": "",
+        r"modal/.*/frequencies_hz": "Hz",
+        r"modal/.*/shapes": "SI: m or rad per sqrt(kg), by labels",
+        r"modal/.*/origin": "m",
+        r"modal/.*/rotation": "1",
+    }
+
+    @property
+    def error_hz(self) -> tuple[float | None, ...]:
+        """Estimated error of each frequency, all sources together; None where there is no estimate."""
+        return tuple(error.total for error in self.errors)
+
+    @classmethod
+    def summarise(cls, found: Sequence[Self]) -> Json:
+        """``modal``, one per pose."""
+        return {"modal": [_summarise_modes(modes) for modes in found]}
+
+    def fill(self, file: h5py.File) -> None:
+        """Write frequencies, shapes and where the components are."""
+        group = file.create_group(f"modal/{self.pose.name}")
+        group["frequencies_hz"] = check_finite("natural frequencies", self.frequencies_hz)
+        group["shapes"] = self.shapes
+        group.attrs["rigid_count"] = self.rigid_count
+        group["names"] = np.char.encode(np.array(self.mode_names, dtype=str), "utf-8")
+        pose, units = group.create_group("pose"), group.create_group("pose_units")
+        for axis, position in self.pose.positions.items():
+            pose.attrs[axis] = position
+            units.attrs[axis] = self.pose_units.get(axis, "")
+        for name, frame in self.placements.items():
+            group[f"placements/{name}/origin"] = frame.origin
+            group[f"placements/{name}/rotation"] = frame.rotation
+
+
+def _summarise_modes(modes: PoseModes) -> Json:
+    what = f"modal analysis in pose {modes.pose.name}"
+    summary: Json = {
+        "pose_name": modes.pose.name,
+        "pose": modes.pose.positions,
+        "pose_units": {axis: modes.pose_units[axis] for axis in modes.pose.positions if axis in modes.pose_units},
+        "frequencies_hz": check_finite(what, modes.frequencies_hz),
+        "rigid_count": modes.rigid_count,
+        "error_hz": list(modes.error_hz),
+        "error_share": [dict(error.shares) for error in modes.errors],
+        "error_parts": [scale_parts(error) for error in modes.errors],
+        "error_left_out": sorted({words for error in modes.errors for words in error.left_out}),
+        "damping_ratio": list(modes.damping_ratio),
+        "damping_error": list(modes.damping_error or (None,) * len(modes.damping_ratio)),
+        "damped_hz": list(modes.damped_hz),
+        "damped_error_hz": list(modes.damped_error_hz or (None,) * len(modes.damped_hz)),
+        "mode_names": list(modes.mode_names),
+        "energy_share": [dict(share) for share in modes.energy_share],
+        "kinetic_share": [dict(share) for share in modes.kinetic_share],
+    }
+    if modes.spread_hz:
+        summary["interface_spread_hz"] = [None if span is None else list(span) for span in modes.spread_hz]
+    return summary

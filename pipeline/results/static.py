@@ -1,0 +1,143 @@
+"""Static answers as results, compliances at points and responses at probes: the types, and how they read in both files."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
+
+import h5py
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.results.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
+
+UM_PER_KN = 1e9  # m/N
+
+
+@dataclass(frozen=True, eq=False)
+class PointCompliance:
+    """Static compliance at a named point, tool relative to work, machine axes.
+
+    Attributes:
+        compliance: ``(6, 6)`` [m/N, 1/N, 1/(N m)], rows and columns x y z rx ry rz; NaN where a free motion leaves it open.
+        budget: Direction x, y, z to share of the compliance per component or joint; shares sum to 1.
+        sentence: What it says about the weak link.
+        displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free motion leaves it open; None without loads.
+        errors: Direction x, y, z to how far the compliance in it may be off [m/N].
+        free_motions: Motions of the machine that nothing holds.
+    """
+
+    compliance: FloatArray
+    budget: dict[str, dict[str, float]]
+    sentence: str = ""
+    displacement: FloatArray | None = None
+    errors: dict[str, Estimate] = field(default_factory=dict)
+    free_motions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class StaticAnswer(Answer):
+    """Static compliance in one pose.
+
+    Attributes:
+        pose: Its name.
+        points: By name.
+    """
+
+    pose: str
+    points: dict[str, PointCompliance]
+    units: ClassVar[dict[str, str]] = {
+        r"static/.*/compliance": "SI: m and rad per N and N m",
+        r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
+    }
+
+    @classmethod
+    def summarise(cls, found: Sequence[Self]) -> Json:
+        """``static`` holds the first pose, and ``static_poses`` all of them when there are several."""
+        by_pose = {answer.pose: {name: _summarise_point(name, point) for name, point in answer.points.items()} for answer in found}
+        return {"static": next(iter(by_pose.values()))} | ({"static_poses": by_pose} if len(by_pose) > 1 else {})
+
+    def fill(self, file: h5py.File) -> None:
+        """Write compliances and displacements, NaN for what free motions leave open."""
+        for name, point in self.points.items():
+            group = file.create_group(f"static/{self.pose}/{name}")
+            for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
+                if values is not None:
+                    check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values)
+                    group[what] = values
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeResponse:
+    """Response of a component to all static loads together at a probe, in machine axes.
+
+    Attributes:
+        component: Its name.
+        displacement: ``(3,)`` [m].
+        stress: ``(3, 3)`` [Pa].
+        jump: Largest difference between the stresses of the cells that meet there over their largest entry.
+    """
+
+    component: str
+    displacement: FloatArray
+    stress: FloatArray
+    jump: float
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeAnswer(Answer):
+    """Responses at all probes in one pose.
+
+    Attributes:
+        pose: Its name.
+        probes: By name.
+    """
+
+    pose: str
+    probes: dict[str, ProbeResponse]
+
+    @classmethod
+    def summarise(cls, found: Sequence[Self]) -> Json:
+        """``probes`` by pose and name."""
+        return {
+            "probes": {
+                answer.pose: {name: _summarise_probe(name, probe) for name, probe in answer.probes.items()} for answer in found
+            }
+        }
+
+
+def _summarise_point(name: str, point: PointCompliance) -> Json:
+    what, free = f"static compliance at {name}", bool(point.free_motions)
+    summary: Json = {
+        "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
+        "compliance_6x6": null_open(what, point.compliance, free=free),
+        "free_motions": list(point.free_motions),
+        "budget": {
+            direction: dict(zip(shares, check_finite(f"budget at {name}", list(shares.values())), strict=True))
+            for direction, shares in point.budget.items()
+        },
+        "sentence": point.sentence,
+        "error_um_per_kN": {
+            direction: None if error.total is None else UM_PER_KN * error.total for direction, error in point.errors.items()
+        },
+        "error_share": {direction: scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()},
+        "error_parts": {direction: scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()},
+        "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
+    }
+    if point.displacement is not None:
+        summary["displacement"] = null_open(f"displacement of {name} under the static loads", point.displacement, free=free)
+    return summary
+
+
+def _summarise_probe(name: str, probe: ProbeResponse) -> Json:
+    what = f"response at probe {name}"
+    deviator = probe.stress - np.trace(probe.stress) / 3.0 * np.eye(3)
+    stress = check_finite(what, probe.stress * 1e-6)
+    return {
+        "component": probe.component,
+        "displacement_um": check_finite(what, probe.displacement * 1e6),
+        "stress_mpa": {"xyz"[i] + "xyz"[j]: stress[i][j] for i in range(3) for j in range(i, 3)},
+        "von_mises_mpa": float(np.sqrt(1.5 * (deviator**2).sum()) * 1e-6),
+        "stress_jump": probe.jump,
+    }
