@@ -108,7 +108,8 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     )
     modes = SimpleNamespace(frequencies_hz=np.array([0.0, 50.0]), rigid_count=1, errors=(Estimate(), guess(REDUCTION, 30.0)))
     frf = SimpleNamespace(frf=None)
-    state = SimpleNamespace(scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static={"reference": {"tcp": point}})
+    static = [SimpleNamespace(pose="reference", points={"tcp": point})]
+    state = SimpleNamespace(scene=SimpleNamespace(analyses=frf), reduced={}, modal=[modes], static=static)
     found = find_warnings(state)
     assert len(found) == 2
     assert "component 'column': frequency 2 (50 Hz)" in found[0]
