@@ -41,14 +41,14 @@ from mpi4py import MPI
 from headstock.app.command_line import main
 from headstock.reduction.components import elastic
 
-whole = elastic_reduction.assemble_elasticity
+whole = elastic.assemble_elasticity
 
 def fail_on_one_rank(*arguments, **options):
     if MPI.COMM_WORLD.rank == 1:
         raise RuntimeError("the cosmic ray hit")
     return whole(*arguments, **options)
 
-elastic_reduction.assemble_elasticity = fail_on_one_rank
+elastic.assemble_elasticity = fail_on_one_rank
 sys.exit(main(sys.argv[1:]))
 """
 

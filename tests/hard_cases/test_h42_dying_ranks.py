@@ -20,15 +20,15 @@ from mpi4py import MPI
 from headstock.app.command_line import main
 from headstock.studies.sweeps import runs
 
-whole, calls = sweep_runs.solve_machine_pose, []
+whole, calls = runs.solve_machine_pose, []
 
-def fail_on_one_rank(*arguments):
+def fail_on_one_rank(*arguments, **options):
     calls.append(1)
     if MPI.COMM_WORLD.rank == 1 and len(calls) == 3:
         {fault}
-    return whole(*arguments)
+    return whole(*arguments, **options)
 
-sweep_runs.solve_machine_pose = fail_on_one_rank
+runs.solve_machine_pose = fail_on_one_rank
 sys.exit(main(sys.argv[1:]))
 """
 FAULTS = {
