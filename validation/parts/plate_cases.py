@@ -26,7 +26,8 @@ ONE_FACE = np.array([3.4917, 8.5246, 21.429])
 TWO_FACES = np.array([22.272, 26.529, 43.664])
 TOLERANCE = 0.01
 # meshes that hold 1 % in three frequencies, and what tets say at 1:1000
-MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025),)}
+MESHES = {50: (("hex", 0.025), ("tet", 0.025)), 200: (("tet", 0.0125),), 1000: (("hex", 0.025), ("tet", 0.007))}
+SHOWN = {(1000, "tet", 0.007)}  # not judged: one of its nine frequencies is 1.3 % off
 COUPLINGS: tuple[Literal["average", "rigid"], ...] = ("average", "rigid")
 LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
@@ -41,8 +42,12 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                 exact = plate_frequencies(factors, SIDE / ratio)
                 worst = int(np.argmax(np.abs(found / exact - 1.0)))
                 text = f"1:{ratio} {held}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
+                note = f"{dofs} dofs, {seconds:.1f} CPU s"
+                if (ratio, cells, size) in SHOWN:
+                    rows.append(show(CASE, f"{text}, over plate theory", float(found[worst] / exact[worst]), "-", note))
+                    continue
                 target = Target(float(exact[worst]), "Hz", TOLERANCE, "closed form" if held == "hinged edges" else "published")
-                rows.append(judge(CASE, text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s"))
+                rows.append(judge(CASE, text, float(found[worst]), target, note))
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
         share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
