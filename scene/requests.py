@@ -190,6 +190,9 @@ class ControlRequest:
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
+Request = StaticRequest | ModalRequest | FrfRequest | MapRequest | ContouringRequest | PathRequest | ControlRequest
+
+
 @dataclass(frozen=True)
 class Analyses:
     """What is to be computed; None where an analysis is not asked for."""

@@ -10,8 +10,9 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.scene.requests import Analyses
+from headstock.scene.requests import Analyses, Request
 from headstock.scene.studies import Study, Sweep
 
 
@@ -122,7 +123,7 @@ class Scene:
     analyses: Analyses
     effects: frozenset[str]
     variants: tuple[str, ...]
-    raw: dict[str, Any]
+    raw: TomlTable
     limits: Limits = field(default_factory=Limits)
     warnings: tuple[str, ...] = ()
     variant: str | None = None
@@ -150,11 +151,11 @@ def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     """
     if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
         raise SceneError(lacking)
-    kept = {name: request for name, request in list_analyses(scene).items() if name in names}
+    kept: dict[str, Any] = {name: request for name, request in list_analyses(scene).items() if name in names}
     return dataclasses.replace(scene, analyses=Analyses(**kept))
 
 
-def list_analyses(scene: Scene) -> dict[str, Any]:
+def list_analyses(scene: Scene) -> dict[str, Request]:
     """Every analysis of a scene by name, on request or not."""
     return {
         item.name: request

@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.reading.axis_paths import AxisPath
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.overrides import split_variant
@@ -32,7 +32,7 @@ class Draft:
     """
 
     table: SceneTable
-    raw: Mapping[str, Any]
+    raw: TomlTable
     folder: Path
     sections: Mapping[str, frozenset[str]]
     interfaces: Mapping[str, frozenset[str] | None]
@@ -40,7 +40,7 @@ class Draft:
     paths: Mapping[str, AxisPath]
 
 
-def collect_sections(raw: Mapping[str, Any]) -> dict[str, frozenset[str]]:
+def collect_sections(raw: TomlTable) -> dict[str, frozenset[str]]:
     """Names of the entries of each section of a parsed scene, valid or not."""
     sections = {key: frozenset(value) for key, value in raw.items() if isinstance(value, dict)}
     if "mechanism" in raw:
@@ -48,7 +48,7 @@ def collect_sections(raw: Mapping[str, Any]) -> dict[str, frozenset[str]]:
     return sections
 
 
-def collect_interfaces(raw: Mapping[str, Any]) -> dict[str, frozenset[str] | None]:
+def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
     """Interface names of each component of a parsed scene, valid or not; None where only a file knows them."""
     interfaces: dict[str, frozenset[str] | None] = {}
     components = raw.get("components")

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from headstock.scene.building.analyses import build_frf, build_modal, build_static, check_requests, check_subjects
 from headstock.scene.building.axes import build_poses, check_axes, check_axis_moves, check_floating, check_poses
@@ -26,7 +25,7 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
-from headstock.scene.reading.files import read_scene
+from headstock.scene.reading.files import TomlValue, read_scene
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
@@ -69,7 +68,7 @@ CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (check_carr
 
 
 def load_scene(
-    path: Path, *, variant: str | None = None, overrides: Sequence[str] = (), values: Mapping[str, Any] | None = None
+    path: Path, *, variant: str | None = None, overrides: Sequence[str] = (), values: Mapping[str, TomlValue] | None = None
 ) -> Scene:
     """Load a scene file.
 

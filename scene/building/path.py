@@ -9,7 +9,7 @@ from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.requests import PathRequest
-from headstock.scene.scene import Scene, list_analyses
+from headstock.scene.scene import Scene
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.paths.response import LowPass
@@ -80,7 +80,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
 
 def check_path_carriages(scene: Scene, findings: Findings) -> None:
     """Report every carriage that hangs over the end of its rail on the way; the way is straight, so its ends tell."""
-    request = list_analyses(scene).get("path")
+    request = scene.analyses.path or scene.on_request.path
     if request is None:
         return
     for end, pose in (("from", request.path.start), ("to", request.path.end)):

@@ -4,11 +4,14 @@ import os
 import re
 import stat
 import tomllib
+from datetime import date, datetime, time
 from pathlib import Path
-from typing import Any
 
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath, find_lines
+
+type TomlValue = str | int | float | bool | datetime | date | time | list[TomlValue] | TomlTable
+type TomlTable = dict[str, TomlValue]
 
 MAX_BYTES = 1 << 20
 MAX_REFERENCED_BYTES = 4 << 30
@@ -19,7 +22,7 @@ _POSITION = " (at "
 _DEEP_KEY = re.compile(rf"""(?<![\w.-])(?>(?>[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}""")
 
 
-def read_scene(path: Path, findings: Findings) -> dict[str, Any]:
+def read_scene(path: Path, findings: Findings) -> TomlTable:
     """Parse a scene file; what keeps it from being read is raised at once, since nothing else can be said then.
 
     Args:
@@ -42,7 +45,7 @@ def read_scene(path: Path, findings: Findings) -> dict[str, Any]:
         findings.raise_if_any()
     positions, repeated = find_lines(text.replace("\r\n", "\n"))
     try:
-        raw = tomllib.loads(text)
+        raw: TomlTable = tomllib.loads(text)
     except RecursionError:
         findings.add_line(None, f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels")
     except (tomllib.TOMLDecodeError, ValueError) as error:
@@ -141,9 +144,10 @@ def _report_syntax(message: str, positions: dict[KeyPath, int], repeated: list[t
         findings.add_line(line, f"not valid TOML: {reason[:200]}")
 
 
-def _depth(raw: Any) -> int:
+def _depth(raw: TomlTable) -> int:
     """Nesting depth of parsed TOML, without recursion."""
-    depth, level = 0, [raw]
+    depth = 0
+    level: list[TomlValue] = [raw]
     while level:
         depth += 1
         if depth > MAX_DEPTH + 1:

@@ -1,15 +1,16 @@
 """Numbers of a scene by their keys: finding them by pattern, reading them, and giving them other values."""
 
-import copy
 import fnmatch
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
 
+from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DIMENSIONS, Dimension, Quantity, UnitError, parse_quantity, unit_of
+
+type ReadValue = TomlValue | Quantity | list[ReadValue] | dict[str, ReadValue]
 
 NUMBER = Dimension("plain number", "", "0.3", math.inf)
 _STEP = re.compile(r"([^.\[\]\s]+)((?:\[\d{1,5}\])*)")
@@ -32,23 +33,44 @@ def split_key(text: str) -> KeyPath:
     return tuple(path)
 
 
-def find_keys(raw: Mapping[str, Any], pattern: KeyPath) -> list[KeyPath]:
+def find_keys(raw: TomlTable, pattern: KeyPath) -> list[KeyPath]:
     """Keys of a parsed scene that fit a pattern with ``*``, ``?`` and ``[abc]`` in its names, in the scene's order."""
-    found: list[tuple[KeyPath, Any]] = [((), raw)]
+    found: list[tuple[KeyPath, TomlValue]] = [((), raw)]
     for part in pattern:
         found = [(path, value) for before, table in found for path, value in _step_down(before, table, part)]
     return [path for path, _ in found]
 
 
-def read_number(raw: Mapping[str, Any], key: KeyPath) -> Quantity:
+def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
+    """What a parsed scene holds at a key.
+
+    Raises:
+        KeyError: There is no such key.
+    """
+    value: TomlValue = raw
+    for part in key:
+        if (isinstance(value, dict) and isinstance(part, str)) or (
+            isinstance(value, list) and isinstance(part, int) and part < len(value)
+        ):
+            value = value[part]
+        else:
+            raise KeyError(show_key(key))
+    return value
+
+
+def read_entries(raw: TomlTable, section: str) -> dict[str, TomlTable]:
+    """Tables of the entries of a section of a parsed scene, by name."""
+    entries = raw.get(section)
+    return {name: entry for name, entry in entries.items() if isinstance(entry, dict)} if isinstance(entries, dict) else {}
+
+
+def read_number(raw: TomlTable, key: KeyPath) -> Quantity:
     """The number a key holds, in SI units.
 
     Raises:
         ValueError: It holds no number; the message says what it holds.
     """
-    value: Any = raw
-    for part in key:
-        value = value[part]
+    value = value_at(raw, key)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return Quantity(float(value), NUMBER)
     if isinstance(value, str):
@@ -62,11 +84,9 @@ def read_number(raw: Mapping[str, Any], key: KeyPath) -> Quantity:
     raise ValueError(f"{show_key(key)} is {kind}, not a number; name one of its entries")
 
 
-def written_unit(raw: Mapping[str, Any], key: KeyPath) -> str:
+def written_unit(raw: TomlTable, key: KeyPath) -> str:
     """The unit a scene writes a number in; empty for a plain number."""
-    value: Any = raw
-    for part in key:
-        value = value[part]
+    value = value_at(raw, key)
     return unit_of(value) if isinstance(value, str) else ""
 
 
@@ -83,20 +103,24 @@ def write_number(value: float, unit: str, digits: int = 9) -> str | float:
     return f"{value / parse_quantity(f'1 {unit}', *DIMENSIONS).value:.{digits}g} {unit}"
 
 
-def replace_numbers(entry: Any, values: Mapping[KeyPath, Any]) -> Any:
-    """A copy of a part of a parsed scene with other values at some keys below it."""
-    result = copy.deepcopy(entry)
-    for key, value in values.items():
-        place = result
-        for part in key[:-1]:
-            place = place[part]
-        place[key[-1]] = value
-    return result
+def replace_numbers(entry: TomlValue, values: Mapping[KeyPath, float | Quantity]) -> ReadValue:
+    """A copy of a part of a parsed scene with other numbers at some keys below it."""
+    if () in values:
+        return values[()]
+    if isinstance(entry, dict):
+        return {name: replace_numbers(value, _below(name, values)) for name, value in entry.items()}
+    if isinstance(entry, list):
+        return [replace_numbers(value, _below(index, values)) for index, value in enumerate(entry)]
+    return entry
 
 
-def _step_down(before: KeyPath, table: Any, part: str | int) -> list[tuple[KeyPath, Any]]:
+def _below(part: str | int, values: Mapping[KeyPath, float | Quantity]) -> dict[KeyPath, float | Quantity]:
+    return {key[1:]: value for key, value in values.items() if key[0] == part}
+
+
+def _step_down(before: KeyPath, table: TomlValue, part: str | int) -> list[tuple[KeyPath, TomlValue]]:
     if isinstance(part, int):
         return [((*before, part), table[part])] if isinstance(table, list) and part < len(table) else []
     if not isinstance(table, dict):
         return []
-    return [((*before, name), value) for name, value in table.items() if fnmatch.fnmatchcase(str(name), part)]
+    return [((*before, name), value) for name, value in table.items() if fnmatch.fnmatchcase(name, part)]

@@ -4,10 +4,11 @@ A path is a row of names and indices, nothing else: it is parsed here and never 
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 Step = str | int | slice
+Watched = str | int | float | bool | None
 # what a summary holds at its top, and what a study itself measures of a point
 RESULT_NAMES = (
     "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "path",
@@ -62,7 +63,7 @@ def parse_watch(text: str) -> WatchPath:
     return WatchPath(text, tuple(steps))
 
 
-def read_watch(path: WatchPath, summary: Any) -> dict[str, Any]:
+def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watched]:
     """Values at the end of a path, each under the path that leads to it alone.
 
     A name on the list of poses (``modal.frequencies_hz``) means the first pose, or the pose of that name (``modal.left``).
@@ -71,7 +72,7 @@ def read_watch(path: WatchPath, summary: Any) -> dict[str, Any]:
     Raises:
         WatchError: The path leads nowhere in this summary.
     """
-    found: dict[str, Any] = {}
+    found: dict[str, Watched] = {}
     _follow(path.steps, summary, "", found)
     return found
 
@@ -84,7 +85,7 @@ def _read_step(match: re.Match[str]) -> Step:
     return slice(int(match["low"]) if match["low"] else None, int(match["high"]) if match["high"] else None)
 
 
-def _follow(steps: tuple[Step, ...], value: Any, label: str, found: dict[str, Any]) -> None:
+def _follow(steps: tuple[Step, ...], value: object, label: str, found: dict[str, Watched]) -> None:
     if len(found) > MAX_COLUMNS:
         raise WatchError(f"{label} has more than {MAX_COLUMNS} values; name fewer")
     if not steps:
@@ -92,8 +93,10 @@ def _follow(steps: tuple[Step, ...], value: Any, label: str, found: dict[str, An
             raise WatchError(f"{label} is a table; name one of {', '.join(list(value)[:20])}")
         if isinstance(value, list):
             _follow((slice(None),), value, label, found)
-        else:
+        elif value is None or isinstance(value, str | int | float):
             found[label] = value
+        else:
+            raise WatchError(f"{label} is neither number nor word")
         return
     step, rest = steps[0], steps[1:]
     if isinstance(step, str):
@@ -109,7 +112,7 @@ def _follow(steps: tuple[Step, ...], value: Any, label: str, found: dict[str, An
             _follow(rest, value[index], f"{label}[{index}]", found)
 
 
-def _entry(value: Any, name: str, label: str) -> Any:
+def _entry(value: object, name: str, label: str) -> object:
     if isinstance(value, list):
         poses = [entry for entry in value if isinstance(entry, dict) and POSE_NAME in entry]
         named = [entry for entry in poses if entry[POSE_NAME] == name]

@@ -1,6 +1,6 @@
 """Schema of what a machine is built from: materials, solids, interfaces and components."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -290,7 +290,7 @@ class SegmentsTable(StrictTable):
     along: Literal["x", "y", "z"] | None = None
 
 
-def _wrap_rotation(value: Any) -> Any:
+def _wrap_rotation(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 

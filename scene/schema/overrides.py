@@ -4,9 +4,9 @@ import copy
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from headstock.scene.reading.findings import Findings, Origin, show_key, suggest_names
+from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.validation import known_keys
 
@@ -33,7 +33,7 @@ VARIANT_JOINER = "+"
 _LIST_PLACE = re.compile(r"\[(\d{1,5})\]")
 
 
-def apply_variant(raw: dict[str, Any], name: str | None, findings: Findings) -> dict[str, Any]:
+def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlTable:
     """Apply a variant to a copy of a parsed scene, and check that the keys of every other variant exist too.
 
     ``calibrated+segmented+R`` applies three variants, the later over the earlier.
@@ -65,7 +65,7 @@ def split_variant(name: str | None) -> list[str]:
     return [] if name is None else name.split(VARIANT_JOINER)
 
 
-def _apply_overrides(raw: dict[str, Any], name: str, overrides: Any, findings: Findings, *, record: bool) -> None:
+def _apply_overrides(raw: TomlTable, name: str, overrides: TomlValue | None, findings: Findings, *, record: bool) -> None:
     if not isinstance(overrides, dict):
         return  # unknown, or the schema reports it
     for path, value, source in _flatten(overrides, ()):
@@ -73,7 +73,7 @@ def _apply_overrides(raw: dict[str, Any], name: str, overrides: Any, findings: F
         _override(raw, path, value, Origin(line, f"variant {name}"), findings, record=record)
 
 
-def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findings) -> None:
+def apply_settings(raw: TomlTable, settings: Sequence[str], findings: Findings) -> None:
     """Apply ``key=value`` settings in order to a parsed scene; the value is TOML, or text if it is not.
 
     Args:
@@ -91,7 +91,7 @@ def apply_settings(raw: dict[str, Any], settings: Sequence[str], findings: Findi
         _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
 
 
-def apply_values(raw: dict[str, Any], values: Mapping[str, Any], findings: Findings) -> None:
+def apply_values(raw: TomlTable, values: Mapping[str, TomlValue], findings: Findings) -> None:
     """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study.
 
     Args:
@@ -103,15 +103,15 @@ def apply_values(raw: dict[str, Any], values: Mapping[str, Any], findings: Findi
         _override(raw, _split_key(key), copy.deepcopy(value), Origin(None, f"study: {key} = {value}"), findings, record=True)
 
 
-def path_exists(raw: Mapping[str, Any], key: str) -> str:
+def path_exists(raw: TomlTable, key: str) -> str:
     """Say why a dotted key cannot be set in a scene; empty when it can."""
     probe = dict(raw)
     findings = Findings("")
-    _override(probe, _split_key(key), None, Origin(None), findings, record=False)
+    _override(probe, _split_key(key), "", Origin(None), findings, record=False)
     return findings.problems[0][1].message if findings.problems else ""
 
 
-def _unreadable_setting(label: str) -> tuple[int, Any]:
+def _unreadable_setting(label: str) -> tuple[int, Problem]:
     findings = Findings(label)
     findings.add_line(None, "write key=value with a dotted key, such as components.column.fidelity=rigid")
     return findings.problems[0]
@@ -123,17 +123,17 @@ def _split_key(key: str) -> KeyPath:
     return tuple(int(part) if part.isdecimal() and len(part) < 6 else part for part in parts)
 
 
-def _read_value(text: str) -> Any:
+def _read_value(text: str) -> TomlValue:
     try:
-        parsed = tomllib.loads(f"value = {text.strip()}")
+        parsed: TomlTable = tomllib.loads(f"value = {text.strip()}")
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):
         return text.strip()
     return parsed["value"] if list(parsed) == ["value"] else text.strip()
 
 
-def _flatten(table: Mapping[str, Any], prefix: KeyPath) -> list[tuple[KeyPath, Any, KeyPath]]:
+def _flatten(table: TomlTable, prefix: KeyPath) -> list[tuple[KeyPath, TomlValue, KeyPath]]:
     """Target path, value and source path of each override; a plain table is walked into, a dotted key is a target."""
-    result: list[tuple[KeyPath, Any, KeyPath]] = []
+    result: list[tuple[KeyPath, TomlValue, KeyPath]] = []
     for key, value in table.items():
         if isinstance(value, dict) and value and "." not in key and len(prefix) < 8:
             result.extend(_flatten(value, (*prefix, key)))
@@ -143,37 +143,43 @@ def _flatten(table: Mapping[str, Any], prefix: KeyPath) -> list[tuple[KeyPath, A
     return result
 
 
-def _override(raw: dict[str, Any], path: KeyPath, value: Any, origin: Origin, findings: Findings, *, record: bool) -> None:
+def _override(raw: TomlTable, path: KeyPath, value: TomlValue, origin: Origin, findings: Findings, *, record: bool) -> None:
     problem = _find_obstacle(raw, path)
     if problem:
         label = Findings(findings.path, findings.lines, {path: origin})
         label.add(path, problem)
         findings.problems.extend(label.problems)
         return
-    place: Any = raw
-    for part in path[:-1]:
-        # copied along the path only: many variants of a large scene share the rest
-        place[part] = copy.copy(place.get(part, {}) if isinstance(place, dict) else place[part])
-        place = place[part]
-    place[path[-1]] = value
+    section = str(path[0])
+    raw[section] = _replaced(raw.get(section, {}), path[1:], value)
     if record:
         for known in [known for known in findings.origins if known[: len(path)] == path]:
             del findings.origins[known]
         findings.origins[path] = origin
 
 
-def _find_obstacle(raw: Mapping[str, Any], path: KeyPath) -> str:
+def _replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
+    """Part of a scene with another value at a path, copied along the path only: many variants of a large scene share the rest."""
+    if not path:
+        return value
+    if isinstance(place, list):
+        return [_replaced(item, path[1:], value) if number == path[0] else item for number, item in enumerate(place)]
+    table, key = place if isinstance(place, dict) else {}, str(path[0])
+    return table | {key: _replaced(table.get(key, {}), path[1:], value)}
+
+
+def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
     """Why nothing can be set at a path: an unknown section, entry or key, or a value in the way."""
     sections = known_keys(()) or []
     if path[0] not in sections:
         return f"cannot set {show_key(path)}: {suggest_names(path[0], sections, what='sections')}"
-    place: Any = raw
+    place: TomlValue = raw
     for depth, part in enumerate(path):
         last = depth == len(path) - 1
         if isinstance(place, list):
             if not isinstance(part, int) or part >= len(place):
                 return f"cannot set {show_key(path)}: {show_key(path[:depth])} has entries 0 to {len(place) - 1}"
-            place = list(place)[part]
+            place = place[part]
             continue
         if not isinstance(place, dict):
             return f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
@@ -185,5 +191,5 @@ def _find_obstacle(raw: Mapping[str, Any], path: KeyPath) -> str:
                 return f"cannot set {show_key(path)}: unknown key {part!r}; {suggest_names(part, keys, what='known keys')}"
             place = {}
             continue
-        place = place[part]
+        place = place[str(part)]
     return ""

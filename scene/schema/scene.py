@@ -92,7 +92,7 @@ class AccuracyTable(StrictTable):
     fidelity: Flag = False
 
 
-def _wrap_accuracy(value: Any) -> Any:
+def _wrap_accuracy(value: object) -> object:
     return value if isinstance(value, dict) else {"to": value}
 
 

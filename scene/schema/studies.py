@@ -1,6 +1,7 @@
 """Schema of studies, which vary keys of a scene and watch results, and of sweeps, which repeat the analyses in poses."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -41,7 +42,7 @@ def _check_watches(paths: list[str]) -> list[str]:
 Watches = Annotated[Names, AfterValidator(_check_watches)]
 
 
-def _check_lengths(vary: dict[str, list[Any]], *, pairwise: bool) -> None:
+def _check_lengths(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> None:
     if not pairwise and math.prod(map(len, vary.values())) > MAX_POINTS:
         raise problem(f"has more than {MAX_POINTS} points; vary fewer keys at once, or write pairwise = true")
     lengths = {key: len(values) for key, values in vary.items()}

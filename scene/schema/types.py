@@ -2,13 +2,23 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    JsonValue,
+    StrictBool,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.machine.joints import GROUND, JointEnd
@@ -71,33 +81,41 @@ class QuantityPattern:
     sign: Sign = "any"
 
 
-def write_form(form: Any) -> Any:
+type FormValue = str | int | float | bool | QuantityPattern | Sequence[FormValue] | Form
+type Form = Mapping[str, FormValue]
+
+
+def write_form(form: Form) -> JsonSchemaValue:
     """A description for the JSON schema, anew, with the patterns of its quantities."""
-    if isinstance(form, QuantityPattern):
-        return quantity_pattern(*form.dimensions, sign=form.sign)
-    if isinstance(form, Mapping):
-        return {key: write_form(value) for key, value in form.items()}
-    return [write_form(item) for item in form] if isinstance(form, list) else form
+    return {key: _write_value(value) for key, value in form.items()}
+
+
+def _write_value(value: FormValue) -> JsonValue:
+    if isinstance(value, QuantityPattern):
+        return quantity_pattern(*value.dimensions, sign=value.sign)
+    if isinstance(value, Mapping):
+        return write_form(value)
+    return value if isinstance(value, str | int | float) else [_write_value(item) for item in value]
 
 
 @dataclass(frozen=True)
 class JsonForm:
     """How a value stands in the JSON schema where pydantic's own description would refuse what is accepted; a fresh one at each place."""
 
-    form: Mapping[str, Any]
+    form: Form
 
-    def __get_pydantic_json_schema__(self, _core: Any, _handler: Any) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, _core: CoreSchema, _handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """The description itself."""
-        return dict(write_form(self.form))
+        return write_form(self.form)
 
 
 @dataclass(frozen=True)
 class OrForm:
     """A value may also be written in another form, as the JSON schema says; ``None`` stands for one item of a list, without brackets."""
 
-    form: Mapping[str, Any] | None = None
+    form: Form | None = None
 
-    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Either form."""
         usual = handler(core)
         other = usual["items"] if self.form is None else write_form(self.form)
@@ -237,7 +255,7 @@ Flag = StrictBool
 
 
 # a number, or a text with a number and perhaps a per cent sign
-RATIO_FORM: Mapping[str, Any] = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
+RATIO_FORM: Form = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
 
 
 def read_share(value: object, what: str) -> float:
@@ -316,7 +334,7 @@ def _check_text(value: str) -> str:
 Text = Annotated[str, AfterValidator(_check_text)]
 
 
-def _wrap(value: Any) -> Any:
+def _wrap(value: object) -> object:
     return value if isinstance(value, list) else [value]
 
 

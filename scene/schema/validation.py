@@ -2,13 +2,13 @@
 
 import difflib
 import types
-from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import show_value
@@ -26,12 +26,12 @@ _KINDS = {
 }
 
 
-def validate_tables(raw: Mapping[str, Any], findings: Findings) -> SceneTable | None:
+def validate_tables(raw: TomlTable, findings: Findings) -> SceneTable | None:
     """Validate a parsed scene, as ``validate_against`` does."""
     return validate_against(SceneTable, raw, findings)
 
 
-def validate_against[T: BaseModel](model: type[T], raw: Mapping[str, Any], findings: Findings) -> T | None:
+def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Findings) -> T | None:
     """Validate a parsed file; entries that fail are reported and left out, so that the rest can be checked further.
 
     Args:
@@ -42,7 +42,7 @@ def validate_against[T: BaseModel](model: type[T], raw: Mapping[str, Any], findi
     Returns:
         What is valid, or None when not enough of the file is left to look at.
     """
-    pruned: Any = {key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()}
+    pruned: TomlTable = {key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()}
     for _ in range(4):
         try:
             return model.model_validate(pruned)
@@ -111,17 +111,17 @@ def _closest(value: object, expected: str) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-def _prune(pruned: Any, loc: tuple[int | str, ...]) -> None:
+def _prune(pruned: TomlTable, loc: tuple[int | str, ...]) -> None:
     """Remove the entry an error lies in: ``components.column`` for ``components.column.mesh.size``."""
-    section = loc[0]
+    section = str(loc[0])
     entries = pruned.get(section)
     if len(loc) > 1 and isinstance(entries, dict) and loc[1] in entries:
-        del entries[loc[1]]
+        del entries[str(loc[1])]
     elif len(loc) == 1 or not isinstance(entries, dict):
         pruned.pop(section, None)
 
 
-def _resolve_model(annotation: Any, path: KeyPath) -> type[BaseModel] | None:
+def _resolve_model(annotation: object, path: KeyPath) -> type[BaseModel] | None:
     annotation = _unwrap(annotation)
     if not path:
         return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
@@ -134,7 +134,7 @@ def _resolve_model(annotation: Any, path: KeyPath) -> type[BaseModel] | None:
     return None
 
 
-def _unwrap(annotation: Any) -> Any:
+def _unwrap(annotation: object) -> object:
     """Strip ``Annotated`` and ``| None``."""
     while True:
         origin = get_origin(annotation)
@@ -142,11 +142,11 @@ def _unwrap(annotation: Any) -> Any:
             annotation = get_args(annotation)[0]
         elif origin in (Union, types.UnionType):
             candidates = [item for item in get_args(annotation) if item is not type(None)]
-            tables = [item for item in candidates if isinstance(_strip(item), type) and issubclass(_strip(item), BaseModel)]
+            tables = [item for item in candidates if isinstance(kind := _strip(item), type) and issubclass(kind, BaseModel)]
             annotation = (tables or candidates)[0]
         else:
             return annotation
 
 
-def _strip(annotation: Any) -> Any:
+def _strip(annotation: object) -> object:
     return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation

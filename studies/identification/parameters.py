@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.findings import Findings, show_key
-from headstock.scene.reading.keys import NUMBER, find_keys, read_number, split_key, written_unit
+from headstock.scene.reading.keys import NUMBER, find_keys, read_entries, read_number, split_key, value_at, written_unit
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
@@ -99,9 +99,7 @@ def _explain_missing(pattern: KeyPath, text: str, scenes: Scenes) -> str:
                 return str(error)
     raw = next(iter(scenes.values())).raw
     depth = max(length for length in range(len(pattern) + 1) if find_keys(raw, pattern[:length]))
-    table: Any = raw
-    for part in find_keys(raw, pattern[:depth])[0]:
-        table = table[part]
+    table = value_at(raw, find_keys(raw, pattern[:depth])[0])
     holds = (
         ", ".join(list(table)[:20])
         if isinstance(table, dict)
@@ -129,7 +127,7 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
                 'slope; make it segmented or rigid for the fit (fidelity = "segmented"), or fit its place, mass or material'
             )
     if section == "materials" and key[2] == "nu":
-        for name, table in scene.raw["components"].items():
+        for name, table in read_entries(scene.raw, "components").items():
             if table.get("material") == key[1] and components[name].fidelity == "elastic":
                 return (
                     f"{name} is elastic {variant}, and its matrices are not proportional to nu; make it segmented, or fit E or rho"

@@ -4,7 +4,6 @@ import dataclasses
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -20,8 +19,9 @@ from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.components import NO_MATERIAL, build_component, build_material, build_solid, find_patch_fault
 from headstock.scene.building.joints import KINDS
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
-from headstock.scene.reading.keys import NUMBER, find_keys, read_number, replace_numbers
+from headstock.scene.reading.keys import NUMBER, ReadValue, find_keys, read_entries, read_number, replace_numbers
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
@@ -52,7 +52,7 @@ class KeyLaw:
     dimension: Dimension
     rules: tuple[tuple[Parameter, KeyRule], ...]
 
-    def rules_content(self) -> tuple[Any, ...]:
+    def rules_content(self) -> tuple[tuple[str, str, float, float], ...]:
         """What the rules do, wherever the key stands."""
         return tuple((parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules)
 
@@ -160,10 +160,10 @@ class ParametricShape:
             self._known.popitem(last=False)
         return self._known[numbers]
 
-    def content(self) -> tuple[Any, ...]:
-        """What decides what is built, name and place left out."""
-        entry = {key: value for key, value in self.scene.raw["components"][self.name].items() if key != "at"}
-        material = self.scene.raw.get("materials", {}).get(entry.get("material"))
+    def content(self) -> tuple[object, ...]:
+        """What decides what is built, name and place left out; to be compared only."""
+        entry = {key: value for key, value in read_entries(self.scene.raw, "components")[self.name].items() if key != "at"}
+        material = read_entries(self.scene.raw, "materials").get(str(entry.get("material")))
         laws = [(law.key[2:] if law.key[0] == "components" else law.key, law.written, law.rules_content()) for law in self.laws]
         loads = [dataclasses.replace(load, component="") for load in self._loads()]
         rails = {key: item.rail for key, item in self.scene.machine.components[self.name].interfaces.items()}
@@ -191,13 +191,13 @@ class ParametricShape:
         reduce: Callable[..., Superelement] = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
         return component, reduce(component, describe_component(component), self._loads())
 
-    def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> Any:
-        own = {
+    def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
+        own: dict[KeyPath, float | Quantity] = {
             law.key[2:]: number if law.dimension == NUMBER else Quantity(number, law.dimension)
             for law, number in zip(self.laws, numbers, strict=True)
             if law.key[:2] == (section, name)
         }
-        return replace_numbers(self.scene.raw[section][name], own)
+        return replace_numbers(read_entries(self.scene.raw, section)[name], own)
 
     def _loads(self) -> tuple[Load, ...]:
         return tuple(load for load in self.scene.machine.loads.values() if load.component == self.name)
@@ -356,7 +356,7 @@ def make_parametric(
     return ParametricScene(scene, superelements, laws, components, joints, touched)
 
 
-def find_laws(raw: Mapping[str, Any], parameters: Iterable[Parameter]) -> tuple[KeyLaw, ...]:
+def find_laws(raw: TomlTable, parameters: Iterable[Parameter]) -> tuple[KeyLaw, ...]:
     """Laws of the keys of a parsed scene that follow parameters, where they hold numbers."""
     rules: dict[KeyPath, list[tuple[Parameter, KeyRule]]] = {}
     for parameter in parameters:
@@ -370,7 +370,7 @@ def find_laws(raw: Mapping[str, Any], parameters: Iterable[Parameter]) -> tuple[
     return tuple(laws)
 
 
-def holds_number(raw: Mapping[str, Any], key: KeyPath) -> bool:
+def holds_number(raw: TomlTable, key: KeyPath) -> bool:
     """Whether a parsed scene holds a number at a key."""
     if not find_keys(raw, key):
         return False
@@ -391,8 +391,8 @@ def _share_shape(shape: ParametricShape, known: list[ParametricShape]) -> Parame
     return shape
 
 
-def _made_of(raw: Mapping[str, Any], material: str) -> list[str]:
-    return [name for name, entry in raw["components"].items() if entry.get("material") == material]
+def _made_of(raw: TomlTable, material: str) -> list[str]:
+    return [name for name, entry in read_entries(raw, "components").items() if entry.get("material") == material]
 
 
 def _find_touched(parameter: str, components: dict[str, ParametricComponent], joints: dict[str, ParametricJoint]) -> Touched:

@@ -18,6 +18,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -54,7 +55,7 @@ FINE: dict[str, dict[str, Any]] = {
         "components.support.reduction": {"modes": 30},
     },
 }
-SWEEP = (
+SWEEP: tuple[TomlTable, ...] = (
     {"cells": "hex", "size": "50 mm"},
     {"cells": "hex", "size": "25 mm"},
     {"cells": "tet", "size": "38 mm"},
@@ -104,7 +105,7 @@ def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
     exact = _numbers(_run(load_scene(CANTILEVER, values=FINE["cantilever"]), comm))
     found, true = [], []
     for mesh in SWEEP:
-        values = {"components.column.mesh": mesh, "components.column.reduction": {"modes": 30}}
+        values: TomlTable = {"components.column.mesh": mesh, "components.column.reduction": {"modes": 30}}
         results = _run(load_scene(CANTILEVER, values=values), comm)
         if comm.rank == 0:
             # frequencies come out too high, compliances too small
