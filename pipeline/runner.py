@@ -12,7 +12,6 @@ from headstock.pipeline.accuracy.search import search_settings
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.answers import SummarisedAnswer
 from headstock.pipeline.results.files import RESULTS_FILE, SUMMARY_FILE, add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
@@ -161,7 +160,7 @@ def _run_rounds(scene: Scene, rounds: _Rounds) -> RunState:
     if search.scene.analyses != state.scene.analyses or scene.machine.probes:
         # probes need the mesh, which comes from the store
         state = rounds.run(search.scene, plan_scene(search.scene), None if scene.machine.probes else state.reduced)
-    state.answers.append(SummarisedAnswer("accuracy", search.summary))
+    state.answers.append(search.answer)
     if search.failure:
         state.failures.append(search.failure)
     return state

@@ -171,7 +171,7 @@ def _summarise_row(row: ModeRow, comparison: Comparison) -> Json:
     for name, cell in row.cells.items():
         cells[name] = {
             "number": cell.index + 1,
-            "frequency_hz": check_finite(f"frequencies of variant {name}", cell.frequency_hz),
+            "frequency_hz": check_finite(f"frequencies of variant {name}", [cell.frequency_hz])[0],
             "error_hz": comparison.solutions[name].mode_errors[cell.index].total,
             "deviation": cell.deviation,
             "mac": cell.correlation,

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.provenance import SceneChoice
@@ -73,7 +73,7 @@ class Change:
     present: float | None
 
 
-def list_answers(summary: Json) -> dict[str, dict[str, FloatArray]]:
+def list_answers(summary: RunSummary) -> dict[str, dict[str, FloatArray]]:
     """Answer to entry to its numbers, of what a summary holds."""
     found: dict[str, dict[str, FloatArray]] = {}
     for answer, entry, numbers in _entries(summary):
@@ -85,7 +85,7 @@ def list_answers(summary: Json) -> dict[str, dict[str, FloatArray]]:
     return found
 
 
-def compare_answers(without: Json, present: Json) -> list[Change]:
+def compare_answers(without: RunSummary, present: RunSummary) -> list[Change]:
     """Every answer of two summaries, the largest difference of each."""
     before, after = list_answers(without), list_answers(present)
     changes = []
@@ -115,12 +115,12 @@ def _largest(values: FloatArray | None) -> float | None:
     return None if values is None or not np.isfinite(values).any() else float(values[np.nanargmax(np.abs(values))])
 
 
-def _entries(summary: Json) -> Iterator[tuple[str, str, Any]]:
+def _entries(summary: RunSummary) -> Iterator[tuple[str, str, Any]]:
     yield from _machine_entries(summary)
-    for run in summary.get("path", {}).get("feeds", []):
+    for run in summary["path"]["feeds"] if "path" in summary else ():
         for output in run["outputs"]:
-            for zone, figures in output.items():
-                if zone != "port" and "peak_um" in figures:
+            for zone, figures in (("accelerating", output["accelerating"]), ("decelerating", output["decelerating"])):
+                if "peak_um" in figures:
                     where = f"{' '.join(output['port'])}, {zone}, {run['name']}"
                     yield "path deviation", where, [figures["peak_um"], figures["span_um"]]
     for pose, found in summary.get("control", {}).items():
@@ -130,15 +130,18 @@ def _entries(summary: Json) -> Iterator[tuple[str, str, Any]]:
     contour = summary.get("contouring")
     if contour:
         yield "sag on the contour", "all faces", contour["sag_um"]["most"]
-        for answer, key in (("contour gap", "mean_um"), ("contour ripple", "peak_to_peak_um"), ("leg forces", "leg_force_mean_n"),
-                            ("variation of leg forces", "leg_force_peak_to_peak_n")):  # fmt: skip
-            yield from ((answer, f"face {face['face']}", face[key]) for face in contour["faces"])
-    for name, values in summary.get("map", {}).get("quantities", {}).items():
+        for face in contour["faces"]:
+            where = f"face {face['face']}"
+            yield "contour gap", where, face["mean_um"]
+            yield "contour ripple", where, face["peak_to_peak_um"]
+            yield "leg forces", where, face["leg_force_mean_n"]
+            yield "variation of leg forces", where, face["leg_force_peak_to_peak_n"]
+    for name, values in summary["map"]["quantities"].items() if "map" in summary else ():
         if name.endswith("_hz"):
             yield "map of frequencies", name, np.array(values, dtype=object).astype(float)
 
 
-def _machine_entries(summary: Json) -> Iterator[tuple[str, str, Any]]:
+def _machine_entries(summary: RunSummary) -> Iterator[tuple[str, str, Any]]:
     for modes in summary["modal"]:
         elastic = [hz for hz in modes["frequencies_hz"] if hz > RIGID_HZ]
         yield "frequencies", f"pose {modes['pose_name']}", elastic
@@ -286,7 +289,7 @@ def _missing_need(effect: str, scene: Scene) -> str:
 class _Run:
     """Answers of a scene and the processor times of its runs [s]."""
 
-    summary: Json
+    summary: RunSummary
     seconds: list[float]
 
     @property
@@ -319,7 +322,7 @@ def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
     return keep_analyses(scene, choice.analyses) if choice.analyses else scene
 
 
-def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[Json, list[float]]:
+def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[RunSummary, list[float]]:
     """Summary and processor times of a run, repeated where it is short."""
     summary, first = _run(scene, store)
     times = [first]
@@ -328,7 +331,7 @@ def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[Json, lis
     return summary, times
 
 
-def _run(scene: Scene, store: Store) -> tuple[Json, float]:
+def _run(scene: Scene, store: Store) -> tuple[RunSummary, float]:
     with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
         begun = time.process_time()
         results = run_scene(scene, Path(folder), comm=MPI.COMM_SELF, store=store)

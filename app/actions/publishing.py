@@ -13,9 +13,9 @@ from headstock.pipeline.results.files import SUMMARY_FILE
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import MODES_FOLDER, write_mode_files
 from headstock.pipeline.results.path import PathCurves
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.volume_files import VOLUME_FOLDER
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import OutputError, replace_outputs
 from headstock.pipeline.storage.store import Store, default_store_root
 
@@ -25,7 +25,7 @@ PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 def publish_run(
     folder: Path,
-    summary: Json,
+    summary: RunSummary,
     view: MachineView,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
@@ -50,7 +50,7 @@ def publish_run(
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, folder, view, store) if figures else None
-        remarks = [*write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary, view)]
+        remarks = [*write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary["modal"], view)]
         drawn = drawing.result() if drawing is not None else Drawing({})
     images = {**(more.images if more is not None else {}), **drawn.images}
     remarks += replace_outputs(folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()})
@@ -60,7 +60,7 @@ def publish_run(
 
 def publish_again(
     folder: Path,
-    summary: Json,
+    summary: RunSummary,
     view: MachineView,
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
@@ -81,7 +81,9 @@ def publish_again(
     return publish_run(folder, summary, view, curves, paths, more=draw_pictures(folder, "all"))
 
 
-def write_tables(folder: Path, summary: Json, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()) -> list[str]:
+def write_tables(
+    folder: Path, summary: RunSummary, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()
+) -> list[str]:
     """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the user.
 
     Raises:

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from headstock.app.texts.tables import sort_shares, static_by_pose
+from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.summary import RunSummary
 
 DPI = 130
 BARS_SHOWN = 8
@@ -23,7 +24,7 @@ LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 
 DASHES = ("-", "--", ":", "-.")
 
 
-def draw_charts(summary: Json, colors: dict[str, str]) -> dict[str, NDArray[np.uint8]]:
+def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, NDArray[np.uint8]]:
     """Every chart of a summary: name to ``(height, width, 4)`` pixels.
 
     Args:
@@ -52,7 +53,7 @@ def _draw_budget(budget: dict[str, dict[str, float]], colors: dict[str, str]) ->
     return read_pixels(figure)
 
 
-def _draw_frequencies(modal: list[Json]) -> NDArray[np.uint8]:
+def _draw_frequencies(modal: Sequence[ModesSummary]) -> NDArray[np.uint8]:
     figure = new_figure(10.0, 0.9 + 0.55 * len(modal))
     axes = figure.add_subplot()
     for row, modes in enumerate(modal):

@@ -13,8 +13,8 @@ from headstock.app.pictures.png_images import encode_png
 from headstock.app.pictures.scenes import Picture, mode_picture, rest_picture
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, component_colors
-from headstock.pipeline.storage.json_texts import Json
 
 MACHINE_SIZE = (1500, 960)
 MODE_SIZE = (720, 480)
@@ -29,7 +29,7 @@ def list_machine_pictures(view: MachineView) -> list[Picture]:
     return [rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE) for name, pose in view.poses.items()]
 
 
-def list_mode_pictures(summary: Json, view: MachineView) -> list[Picture]:
+def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
     """The modes of each pose."""
     return [
         mode_picture(

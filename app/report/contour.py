@@ -1,23 +1,23 @@
 """The contour in the report: tool gap and leg forces over time as SVG, the faces marked."""
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from markupsafe import Markup
 
 from headstock.app.report import svg
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.contouring import ContourSummary
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
 COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b")
-PICTURES = {"gap": ("gap_um", ("x", "y", "z"), "Gap of the tool point, gravity sag subtracted [µm]"),
-            "legs": ("leg_force_n", ("leg 1", "leg 2", "leg 3"), "Force of each leg's drive [N]")}  # fmt: skip
+PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, gravity sag subtracted [µm]"),
+            "legs": (("leg 1", "leg 2", "leg 3"), "Force of each leg's drive [N]")}  # fmt: skip
 
 
-def draw_contour(found: Json, picture: str) -> Markup:
+def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Markup:
     """One picture of a contour, ``gap`` or ``legs``: a line per column over time."""
-    key, names, title = PICTURES[picture]
-    times: list[float] = found["series"]["time_s"]
-    values: list[list[float]] = found["series"][key]
+    names, title = PICTURES[picture]
+    times, values = found["series"]["time_s"], found["series"]["gap_um" if picture == "gap" else "leg_force_n"]
     low, high = min(min(row) for row in values), max(max(row) for row in values)
     room = 0.05 * ((high - low) or 1.0)
     low, high = low - room, high + room

@@ -7,7 +7,8 @@ from markupsafe import Markup
 
 from headstock.app.report import svg
 from headstock.app.texts.tables import sort_shares
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.control import ControlSummary
+from headstock.pipeline.results.modal import ModesSummary
 
 SHOWN_SHARE = 0.005
 SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign
@@ -47,7 +48,7 @@ def draw_budget(shares: Mapping[str, float], colors: Mapping[str, str], identity
     return svg.picture(parts, identity=identity, kind="budget", width=BAR_WIDTH, height=height)
 
 
-def draw_frequencies(modal: Sequence[Json], identity: str) -> Markup:
+def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
     """A stick per elastic natural frequency, one row per pose, from zero to the highest."""
     highest = max((modes["frequencies_hz"][-1] for modes in modal if modes["frequencies_hz"]), default=1.0) or 1.0
     scale = (STICK_WIDTH - STICK_LEFT - 40) / highest
@@ -89,7 +90,7 @@ def shorten(text: str, length: int = 38) -> str:
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
 
-def _sticks(modes: Json, scale: float, base: int) -> Markup:
+def _sticks(modes: ModesSummary, scale: float, base: int) -> Markup:
     parts, free_from = [], 0.0
     for frequency in modes["frequencies_hz"][modes["rigid_count"] :]:
         x = STICK_LEFT + scale * frequency
@@ -107,7 +108,7 @@ def _sticks(modes: Json, scale: float, base: int) -> Markup:
     return Markup("").join(parts)
 
 
-def draw_poles(control: Json, identity: str) -> Markup:
+def draw_poles(control: ControlSummary, identity: str) -> Markup:
     """Every pole as a dot in the colour of its drive; those that grow stand below the axis, in red."""
     names = list(control["drives"])
     parts = []

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from headstock.app.texts.error_texts import accuracy_words
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.summary import RunSummary
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Note:
     text: str
 
 
-def judge_numbers(summary: Json) -> list[Note]:
+def judge_numbers(summary: RunSummary) -> list[Note]:
     """Notes on the results that a summary holds, and only on those."""
     fidelities = {facts["fidelity"] for facts in summary["components"].values()}
     notes = []
@@ -52,7 +52,7 @@ def judge_numbers(summary: Json) -> list[Note]:
     return notes
 
 
-def _judge_compliance(summary: Json) -> Note:
+def _judge_compliance(summary: RunSummary) -> Note:
     text = (
         "Reduction adds no error to the static compliance: forces at interfaces are answered exactly by the finite element model. "
     )
@@ -63,7 +63,7 @@ def _judge_compliance(summary: Json) -> Note:
     return Note("Compliance", text.strip())
 
 
-def _judge_frequencies(summary: Json) -> Note:
+def _judge_frequencies(summary: RunSummary) -> Note:
     if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
         return Note(
             "Natural frequencies",
@@ -77,7 +77,7 @@ def _judge_frequencies(summary: Json) -> Note:
     )
 
 
-def _judge_response(summary: Json) -> Note:
+def _judge_response(summary: RunSummary) -> Note:
     text = (
         "All modes of the reduced machine are summed, so the curve meets the static compliance at 0 Hz. Peaks are as high as the damping"
         " is low: the scene's damping decides them, and it is seldom known to better than a factor of two. "

@@ -18,13 +18,14 @@ from headstock.app.texts.comparison import (
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.provenance import ProvenanceSummary
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
 COMPARISON_TEMPLATE = "comparison_template.html"
 
 
-def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Json | None = None) -> str:
+def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:

@@ -4,6 +4,7 @@ import base64
 import functools
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -49,8 +50,9 @@ from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.path import PathCurves
+from headstock.pipeline.results.static import PointSummary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, component_colors
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import write_output
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
@@ -62,7 +64,7 @@ SMALLEST_NAMED = 0.02
 
 def write_report(
     folder: Path,
-    summary: Json,
+    summary: RunSummary,
     view: MachineView | None = None,
     stills: Mapping[str, bytes] | None = None,
     curves: Sequence[ResponseCurves] = (),
@@ -79,7 +81,7 @@ def write_report(
 
 
 def render_report(
-    summary: Json,
+    summary: RunSummary,
     view: MachineView | None = None,
     stills: Mapping[str, bytes] | None = None,
     curves: Sequence[ResponseCurves] = (),
@@ -168,7 +170,7 @@ def _beside(error: float | None, text: str) -> Markup:
     return Markup('± <data class="bound" value="{}">{}</data>').format(repr(error), _typeset(text.removeprefix("± ")))
 
 
-def _moved(point: Json, row: int, column: int) -> Markup:
+def _moved(point: PointSummary, row: int, column: int) -> Markup:
     """An entry of the compliance matrix of a point, rounded with its errors."""
     matrix = point["compliance_um_per_kN"]
     value, text = matrix[row][column], show_compliances(matrix, column, point["error_um_per_kN"])[row]
@@ -201,18 +203,35 @@ def _data(value: float, text: str) -> Markup:
     return Markup('<data value="{}">{}</data>').format(repr(value), text)
 
 
-def _key_figures(summary: Json, static: Mapping[str, Json]) -> Json:
-    """What a reader wants first: compliance of the first point in the first pose, and the first mode in which something deforms."""
-    found: Json = {"compliance": None, "sentence": "", "first": None, "pose": None, "point": None}
-    for pose, points in static.items():
-        for name, point in points.items():
-            found |= {"pose": pose, "point": name, "compliance": point["compliance_um_per_kN"], "sentence": point["sentence"]}
-            break
-        break
+@dataclass(frozen=True)
+class KeyFigures:
+    """What a reader wants first.
+
+    Attributes:
+        pose: Of the first static answer; None without any.
+        point: Of it.
+        compliance: There, ``(3, 3)`` [um/kN].
+        sentence: What it says about the weak link.
+        first: Frequency, its error [Hz] and name of the first mode in which something deforms.
+    """
+
+    pose: str | None = None
+    point: str | None = None
+    compliance: list[list[float | None]] | None = None
+    sentence: str = ""
+    first: tuple[float, float | None, str] | None = None
+
+
+def _key_figures(summary: RunSummary, static: Mapping[str, Mapping[str, PointSummary]]) -> KeyFigures:
+    """Compliance of the first point in the first pose, and the first mode in which something deforms."""
+    first = None
     for modes in summary["modal"][:1]:
         named = list(zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True))[modes["rigid_count"] :]
-        found["first"] = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
-    return found
+        first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
+    for pose, points in static.items():
+        for name, point in points.items():
+            return KeyFigures(pose, name, point["compliance_um_per_kN"], point["sentence"], first)
+    return KeyFigures(first=first)
 
 
 def _omissions(machine: EncodedMachine | None) -> list[str]:
@@ -232,13 +251,14 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
     return found
 
 
-def _captions(summary: Json, view: MachineView, static: Mapping[str, Json]) -> dict[str, list[Caption]]:
+def _captions(summary: RunSummary, view: MachineView, static: Mapping[str, Mapping[str, PointSummary]]) -> dict[str, list[Caption]]:
     """Forces first, then modes in which something deforms, last those in which the machine moves as a whole."""
     captions: dict[str, list[Caption]] = {name: [] for name in view.poses}
     for name, pose in view.poses.items():
         for push in pose.pushes:
             point, _, direction = push.rpartition(" ")
-            shares = static.get(name, {}).get(point, {}).get("budget", {}).get(direction, {})
+            known = static.get(name, {}).get(point)
+            shares = {} if known is None else known["budget"].get(direction, {})
             text = f"1 kN at {point}, static"
             captions[name].append(Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares))
     for modes in summary["modal"]:

@@ -1,6 +1,6 @@
 """What the terminal shows of a run: its plan, stages as they end, and everything that it found in tables."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -24,7 +24,12 @@ from headstock.app.texts.error_texts import (
 from headstock.app.texts.tables import list_modes, shared_budget, sort_shares, static_by_pose, top_shares
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.planning.plan import Plan, StageRecord
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.control import DriveSummary, PoleSummary
+from headstock.pipeline.results.frf import PortSummary
+from headstock.pipeline.results.modal import ModesSummary
+from headstock.pipeline.results.path import PathSummary
+from headstock.pipeline.results.static import PointSummary, ProbeSummary
+from headstock.pipeline.results.summary import ComponentSummary, RunSummary
 from headstock.scene.scene import Scene
 
 CONTRIBUTORS_SHOWN = 5
@@ -64,7 +69,7 @@ def print_plan(name: str, plan: Plan) -> None:
     print_remarks(plan.warnings)
 
 
-def print_summary(summary: Json, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
+def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: Sequence[str] = ()) -> None:
     """Everything a run found, but warnings that were said before.
 
     Args:
@@ -103,7 +108,7 @@ def print_summary(summary: Json, *, seconds: float, folder: object, said: Sequen
     console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)
 
 
-def _component_table(components: Json) -> Table:
+def _component_table(components: Mapping[str, ComponentSummary]) -> Table:
     table = make_table("component", "fidelity", ">dofs", ">reduced", ">kg", ">modes to Hz")
     for name, facts in components.items():
         cutoff = "-" if not facts["cutoff_hz"] else f"{facts['cutoff_hz']:.0f}"
@@ -112,7 +117,7 @@ def _component_table(components: Json) -> Table:
     return table
 
 
-def _print_point(console: Console, place: str, point: Json) -> None:
+def _print_point(console: Console, place: str, point: PointSummary) -> None:
     errors = point.get("error_um_per_kN", {})
     known = any(error is not None for error in errors.values())
     table = make_table("force", *(f">moves {direction}" for direction in "xyz"), *([">± along the force"] if known else []))
@@ -141,7 +146,7 @@ def _print_budget(console: Console, direction: str, shares: dict[str, float]) ->
         console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True)
 
 
-def _probe_table(probes: Json) -> Table:
+def _probe_table(probes: Mapping[str, ProbeSummary]) -> Table:
     table = make_table("probe", "in", ">x µm", ">y µm", ">z µm", ">von Mises MPa", ">stress jump")
     for name, probe in probes.items():
         moved = (f"{value:.3f}" for value in probe["displacement_um"])
@@ -149,7 +154,7 @@ def _probe_table(probes: Json) -> Table:
     return table
 
 
-def describe_position(modes: Json) -> str:
+def describe_position(modes: ModesSummary) -> str:
     """Where the axes stand in the pose of some modes: ``Y = 30 mm``."""
     units = modes["pose_units"]
     return ", ".join(
@@ -157,12 +162,12 @@ def describe_position(modes: Json) -> str:
     )
 
 
-def _describe_pose(modes: Json) -> str:
+def _describe_pose(modes: ModesSummary) -> str:
     positions = describe_position(modes)
-    return str(modes["pose_name"]) + (f" ({positions})" if positions else "")
+    return modes["pose_name"] + (f" ({positions})" if positions else "")
 
 
-def _mode_table(modes: Json) -> Table:
+def _mode_table(modes: ModesSummary) -> Table:
     rows = list_modes(modes)
     damped = any(row.damping_ratio is not None for row in rows)
     known = any(row.error_hz is not None for row in rows if not row.rigid)
@@ -194,7 +199,7 @@ def _mode_table(modes: Json) -> Table:
     return table
 
 
-def _print_error_shares(console: Console, modes: Json) -> None:
+def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     """Where the errors of a pose's frequencies come from."""
     found = ", ".join(f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items())
     for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
@@ -202,43 +207,42 @@ def _print_error_shares(console: Console, modes: Json) -> None:
     console.print()
 
 
-def _response_table(ports: Sequence[Json]) -> Table:
+def _response_table(ports: Sequence[PortSummary]) -> Table:
     table = make_table(
         "force at", ">static µm/kN", ">worst Re µm/kN", ">at Hz", ">-1/(2 Re) N/µm", ">softest N/µm", ">at Hz", "near mode"
     )
-    keys = ("worst_real_um_per_kN", "worst_real_hz", "chatter_stiffness_N_per_um", "softest_N_per_um", "softest_hz")
     for port in ports:
         if "static_um_per_kN" in port:
-            numbers = ["free" if port["static_um_per_kN"] is None else show_digits(port["static_um_per_kN"], 4)]
-            numbers += ["-" if port[key] is None else show_digits(port[key], 4) for key in keys]
-            error = port.get("worst_real_error_um_per_kN")
-            if error is not None and port[keys[0]] is not None:
-                numbers[1] = f"{show_bounded(port[keys[0]], error)} {show_bound(port[keys[0]], error)}"
+            static, worst, error = port["static_um_per_kN"], port["worst_real_um_per_kN"], port["worst_real_error_um_per_kN"]
+            numbers = ["free" if static is None else show_digits(static, 4)]
+            others = (port["worst_real_hz"], port["chatter_stiffness_N_per_um"], port["softest_N_per_um"], port["softest_hz"])
+            numbers += ["-" if value is None else show_digits(value, 4) for value in (worst, *others)]
+            if error is not None and worst is not None:
+                numbers[1] = f"{show_bounded(worst, error)} {show_bound(worst, error)}"
             add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
     return table
 
 
-def _path_title(path: Json) -> str:
+def _path_title(path: PathSummary) -> str:
     moved = ", ".join(axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0))
     low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
     return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"
 
 
-def _path_table(path: Json) -> Table:
+def _path_table(path: PathSummary) -> Table:
     table = make_table("feed", "<at", "<zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
     for run in path["feeds"]:
         for output in run["outputs"]:
             unit = "urad" if output["port"][1].startswith("r") else "um"
-            for zone in ("accelerating", "decelerating"):
-                found = output[zone]
+            for zone, found in (("accel.", output["accelerating"]), ("decel.", output["decelerating"])):
                 sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "frozen_peak")}
                 settling = "-" if found["settling_s"] is None else f"{found['settling_s']:.3f}"
                 cells = (sizes["peak"], f"{found['peak_s']:.4f}", sizes["span"], sizes["quasi_static"], sizes["dynamic"])
-                add_row(table, run["name"], " ".join(output["port"]), f"{zone[:5]}.", *cells, settling, sizes["frozen_peak"])
+                add_row(table, run["name"], " ".join(output["port"]), zone, *cells, settling, sizes["frozen_peak"])
     return table
 
 
-def _pole_table(poles: Sequence[Json]) -> Table:
+def _pole_table(poles: Sequence[PoleSummary]) -> Table:
     table = make_table(">no.", ">Hz", ">damping", ">decays in ms", "drive", "motion")
     for number, pole in enumerate(poles, start=1):
         decay = "grows" if pole["real"] > 0.0 else "never" if pole["real"] == 0.0 else f"{-1e3 / pole['real']:.4g}"
@@ -247,14 +251,18 @@ def _pole_table(poles: Sequence[Json]) -> Table:
     return table
 
 
-def _drive_table(drives: Json) -> Table:
+def _drive_table(drives: Mapping[str, DriveSummary]) -> Table:
     table = make_table(
         "drive", "encoder", ">kv 1/s", ">kp N s/m", ">motor kg", ">lag µm", ">bandwidth Hz", ">gain margin", ">phase margin °",
         ">max |S|",
     )  # fmt: skip
     for name, drive in drives.items():
-        margins = drive["margins"] or {}
-        numbers = [drive[key] for key in ("kv_per_s", "velocity_gain_n_s_per_m", "motor_mass_kg", "velocity_lag_um")]
-        numbers += [margins.get(key) for key in ("bandwidth_hz", "gain", "phase_deg", "sensitivity")]
+        margins = drive["margins"]
+        numbers = [drive["kv_per_s"], drive["velocity_gain_n_s_per_m"], drive["motor_mass_kg"], drive["velocity_lag_um"]]
+        numbers += (
+            [None] * 4
+            if margins is None
+            else [margins["bandwidth_hz"], margins["gain"], margins["phase_deg"], margins["sensitivity"]]
+        )
         add_row(table, name, drive["encoder"], *("-" if number is None else f"{number:.4g}" for number in numbers))
     return table

@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
+from headstock.pipeline.results.accuracy import AccuracySummary
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.frf import ResponseSummary
+from headstock.pipeline.results.modal import ModesSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
@@ -161,14 +163,14 @@ def show_span(span: Sequence[float] | None) -> str:
     return "-" if span is None else f"{span[0]:.4g} .. {span[1]:.4g}"
 
 
-def largest_shares(modes: Json) -> dict[str, float]:
+def largest_shares(modes: ModesSummary) -> dict[str, float]:
     """Largest part [Hz] of each source over the elastic modes of a pose."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     sources = dict.fromkeys(source for share in shares for source in share)
     return {source: max((share[source] or 0.0 for share in shares if source in share), default=0.0) for source in sources}
 
 
-def error_words(modes: Json) -> list[str]:
+def error_words(modes: ModesSummary) -> list[str]:
     """What is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     words = []
@@ -183,28 +185,29 @@ def error_words(modes: Json) -> list[str]:
     return words
 
 
-def response_error_words(response: Json) -> list[str]:
+def response_error_words(response: ResponseSummary) -> list[str]:
     """How far the lines of a frequency response may be off, by source, and what is not in it; empty where nothing is known."""
     found, left_out = response.get("error"), response.get("error_left_out")
     if not found:
         return [f"{NO_BOUND} : nothing is known of {'; '.join(left_out)}"] if left_out else []
-    sources = {source: shares for source, shares in found.items() if source != "bounded_to_hz"}
-    if None in sources.values():
+    if None in found.values():
         return ["no bound of the reduction error: the range lies beyond the cut-off of the modes kept"]
     parts = [
         f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
         f"{shares['largest_share_hz']:.4g} Hz"
-        for source, shares in sources.items()
+        for source, shares in found.items()
+        if isinstance(shares, dict)
     ]
     words = [f"± covers 95 % of errors, from {'; '.join(parts)}"]
-    if found["bounded_to_hz"] < response["to_hz"]:
-        words.append(f"no bound above {found['bounded_to_hz']:.4g} Hz")
+    bounded_to = found["bounded_to_hz"]
+    if isinstance(bounded_to, float) and bounded_to < response["to_hz"]:
+        words.append(f"no bound above {bounded_to:.4g} Hz")
     if left_out:
         words.append(f"not in ±: {'; '.join(left_out)}")
     return words
 
 
-def accuracy_words(accuracy: Json) -> list[str]:
+def accuracy_words(accuracy: AccuracySummary) -> list[str]:
     """How settings were chosen for an accuracy: what was asked for, what is reached, and with which settings."""
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
     if "owner" not in rounds[-1]:

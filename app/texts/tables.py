@@ -7,22 +7,27 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from headstock.app.texts.error_texts import bound_size
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.results.contouring import SeriesSummary
+from headstock.pipeline.results.control import ControlSummary
 from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.map import Grid, MapSummary
+from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.path import PathCurves, deviation_unit
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.static import PointSummary, ProbeSummary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
 DECADES_SHOWN = 5.0
 LEAST_TICKS = 3
 RATES: dict[Motion, str] = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+type Cell = str | float | None
 PART_NAMES = {"total": "deviation", "quasi_static": "quasi-static", "sway": "sway", "dynamic": "ringing"}
 
 
@@ -32,22 +37,22 @@ class PlainTable:
 
     name: str
     headings: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: tuple[tuple[Cell, ...], ...]
 
 
-def static_by_pose(summary: Json) -> dict[str, Json]:
+def static_by_pose(summary: RunSummary) -> dict[str, dict[str, PointSummary]]:
     """Pose to point to compliance; a summary of one pose names it nowhere but in its stages."""
     if "static_poses" in summary:
-        return dict(summary["static_poses"])
+        return summary["static_poses"]
     if not summary["static"]:
         return {}
-    pose = next((row["pose"] for row in summary["stages"] if row["stage"] == "static" and row.get("pose")), "reference")
-    return {pose: summary["static"]}
+    poses = [row["pose"] or "reference" for row in summary["stages"] if row["stage"] == "static"]
+    return {(poses or ["reference"])[0]: summary["static"]}
 
 
-def shared_budget(point: Json) -> dict[str, dict[str, float]]:
+def shared_budget(point: PointSummary) -> dict[str, dict[str, float]]:
     """The budget of a point; empty where one part alone gives way, which says nothing."""
-    budget: dict[str, dict[str, float]] = point["budget"]
+    budget = point["budget"]
     return budget if any(len(shares) > 1 for shares in budget.values()) else {}
 
 
@@ -84,7 +89,7 @@ class ModeRow:
     spread_hz: tuple[float, float] | None
 
 
-def list_modes(modes: Json) -> list[ModeRow]:
+def list_modes(modes: ModesSummary) -> list[ModeRow]:
     """The modes of a pose, from the lowest."""
     spreads = modes.get("interface_spread_hz") or [None] * len(modes["frequencies_hz"])
     return [
@@ -105,7 +110,7 @@ def list_modes(modes: Json) -> list[ModeRow]:
     ]
 
 
-def list_tables(summary: Json) -> list[PlainTable]:
+def list_tables(summary: RunSummary) -> list[PlainTable]:
     """Every table of a summary."""
     tables = [_component_table(summary), _stage_table(summary)]
     for pose, points in static_by_pose(summary).items():
@@ -123,30 +128,35 @@ def list_tables(summary: Json) -> list[PlainTable]:
     return tables
 
 
-def _contour_table(series: Json) -> PlainTable:
-    columns = [("gap_um", [f"gap {d} [um]" for d in DIRECTIONS]), ("leg_force_n", [f"force of leg {n} [N]" for n in (1, 2, 3)])]
+def _contour_table(series: SeriesSummary) -> PlainTable:
+    headings = ["time [s]", *(f"gap {d} [um]" for d in DIRECTIONS), *(f"force of leg {n} [N]" for n in (1, 2, 3))]
+    rows = [
+        (time, *gap, *forces) for time, gap, forces in zip(series["time_s"], series["gap_um"], series["leg_force_n"], strict=True)
+    ]
     if "motor_torque_nm" in series:
-        columns.append(("motor_torque_nm", [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]))
-    headings = ("time [s]", *(heading for _, names in columns for heading in names))
-    rows = zip(series["time_s"], *(series[key] for key, _ in columns), strict=True)
-    return PlainTable("contour", headings, tuple((time, *(value for part in parts for value in part)) for time, *parts in rows))
+        headings += [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]
+        rows = [(*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)]
+    return PlainTable("contour", tuple(headings), tuple(rows))
 
 
-def _pole_table(pose: str, control: Json) -> PlainTable:
-    keys = ("frequency_hz", "damping_ratio", "real", "imag", "drive", "name")
+def _pole_table(pose: str, control: ControlSummary) -> PlainTable:
     headings = ("frequency [Hz]", "damping ratio", "real [rad/s]", "imaginary [rad/s]", "drive", "motion")
-    return PlainTable(f"poles_{file_stem(pose)}", headings, tuple(tuple(pole[key] for key in keys) for pole in control["poles"]))
+    rows = tuple(
+        (pole["frequency_hz"], pole["damping_ratio"], pole["real"], pole["imag"], pole["drive"], pole["name"])
+        for pole in control["poles"]
+    )
+    return PlainTable(f"poles_{file_stem(pose)}", headings, rows)
 
 
-def _map_table(found: Json) -> PlainTable:
+def _map_table(found: MapSummary) -> PlainTable:
     names = list(found["quantities"])
-    flat = [_flatten(found["quantities"][name], len(found["axes"])) for name in names]
+    flat = [_flatten(found["quantities"][name]) for name in names]
     rows = tuple((*place, *values) for place, *values in zip(product(*found["positions"]), *flat, strict=True))
     return PlainTable("map", (*found["axes"], *names), rows)
 
 
-def _flatten(values: list[Any], depth: int) -> list[Any]:
-    return values if depth == 1 else [value for row in values for value in _flatten(row, depth - 1)]
+def _flatten(values: Grid) -> list[float | None]:
+    return [value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])]
 
 
 def encode_csv(table: PlainTable) -> bytes:
@@ -158,13 +168,13 @@ def encode_csv(table: PlainTable) -> bytes:
     return text.getvalue().encode()
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: Cell) -> Cell:
     if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
         return f"'{value}"
     return "" if value is None else value
 
 
-def _component_table(summary: Json) -> PlainTable:
+def _component_table(summary: RunSummary) -> PlainTable:
     headings = (
         "component",
         "fidelity",
@@ -184,20 +194,23 @@ def _component_table(summary: Json) -> PlainTable:
             facts["mass_kg"],
             facts["cutoff_hz"],
             facts["residual"],
-            facts.get("mesh_quality", {}).get("minimum_scaled_jacobian"),
+            facts["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in facts else None,
         )
         for name, facts in summary["components"].items()
     )
     return PlainTable("components", headings, rows)
 
 
-def _stage_table(summary: Json) -> PlainTable:
-    keys = ("stage", "component", "pose", "seconds", "peak_rss_mb", "cached", "reason")
+def _stage_table(summary: RunSummary) -> PlainTable:
     headings = ("stage", "component", "pose", "seconds", "peak memory [MB]", "from the store", "reason")
-    return PlainTable("stages", headings, tuple(tuple(row.get(key) for key in keys) for row in summary["stages"]))
+    rows = tuple(
+        (row["stage"], row["component"], row["pose"], row["seconds"], row["peak_rss_mb"], row["cached"], row["reason"])
+        for row in summary["stages"]
+    )
+    return PlainTable("stages", headings, rows)
 
 
-def _compliance_table(name: str, point: Json) -> PlainTable:
+def _compliance_table(name: str, point: PointSummary) -> PlainTable:
     matrix = point["compliance_um_per_kN"]
     errors = point.get("error_um_per_kN", {})
     headings = ("force in", *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS), "± along the force [um/kN]")
@@ -208,19 +221,19 @@ def _compliance_table(name: str, point: Json) -> PlainTable:
     return PlainTable(name, headings, tuple(rows))
 
 
-def _whole_compliance_table(name: str, point: Json) -> PlainTable:
+def _whole_compliance_table(name: str, point: PointSummary) -> PlainTable:
     loads = [*(f"1 N in {d}" for d in DIRECTIONS), *(f"1 N m about {d}" for d in DIRECTIONS)]
     headings = ("load", *(f"motion in {d} [m]" for d in DIRECTIONS), *(f"rotation about {d} [rad]" for d in DIRECTIONS))
     columns = zip(*point["compliance_6x6"], strict=True)
     return PlainTable(name, headings, tuple((load, *column) for load, column in zip(loads, columns, strict=True)))
 
 
-def _budget_table(name: str, budget: Json) -> PlainTable:
+def _budget_table(name: str, budget: Mapping[str, dict[str, float]]) -> PlainTable:
     parts = [part for part, _ in sort_shares(next(iter(budget.values()), {}))]
     return PlainTable(name, ("part", *budget), tuple((part, *(budget[d].get(part) for d in budget)) for part in parts))
 
 
-def _mode_table(modes: Json) -> PlainTable:
+def _mode_table(modes: ModesSummary) -> PlainTable:
     found = list_modes(modes)
     parts = sorted({part for row in found for part in row.energy_share})
     headings = (
@@ -239,11 +252,11 @@ def _mode_table(modes: Json) -> PlainTable:
     return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
 
 
-def _probe_table(pose: str, probes: Json) -> PlainTable:
+def _probe_table(pose: str, probes: Mapping[str, ProbeSummary]) -> PlainTable:
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
     moved = tuple(f"displacement {d} [um]" for d in DIRECTIONS)
     headings = ("probe", "component", *moved, *(f"stress {pair} [MPa]" for pair in pairs), "von Mises [MPa]", "stress jump")
-    rows = tuple(
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             name,
             probe["component"],

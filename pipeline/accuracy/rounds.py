@@ -26,9 +26,9 @@ from headstock.pipeline.accuracy.settings import (
     refine_mesh,
     refine_modes,
 )
+from headstock.pipeline.results.accuracy import AccuracyRound
 from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.scene import AccuracyGoal, Scene
 
 AIM = 0.9  # share of the accuracy that the next round aims at
@@ -60,8 +60,7 @@ class Verdict:
 
     ends: bool
     scene: Scene
-    round: Json
-    changes: Mapping[str, str] = field(default_factory=dict)
+    round: AccuracyRound
     failure: str = ""
 
 
@@ -75,10 +74,10 @@ def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: Hist
     quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
-        return Verdict(True, scene, {"quantity": "every number", "error": 0.0, "because": "no component is meshed"}), history
+        return Verdict(True, scene, AccuracyRound("every number", 0.0, "no component is meshed")), history
     component, source = worst.owner
     because = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
-    found: Json = {"quantity": worst.name, "error": _finite(worst.error), "owner": component, "source": source, "because": because}
+    found = AccuracyRound(worst.name, worst.error if np.isfinite(worst.error) else None, because, worst.owner)
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), history
     may_be_rigid = goal.fidelity and not history.trials
@@ -95,7 +94,7 @@ def _refine(
     parts: Mapping[str, Component],
     wanted: Mapping[Owner, float],
     trials: Mapping[str, tuple[Trial, ...]],
-    found: Json,
+    found: AccuracyRound,
 ) -> Verdict:
     """The next scene, in which the errors of some owners should be so many times what they are."""
     finer = dict(parts)
@@ -108,11 +107,11 @@ def _refine(
             cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
             finer[name] = refine_modes(finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
     changes = {
-        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found['because']}"
+        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found.because}"
         for name, part in finer.items()
         if describe_settings(part) != describe_settings(scene.machine.components[name])
     }
-    return Verdict(False, replace_components(scene, finer), found | {"changes": changes}, changes)
+    return Verdict(False, replace_components(scene, finer), dataclasses.replace(found, changes=changes))
 
 
 def _wanted_ratios(quantities: list[Quantity], accuracy: float, rigid: Mapping[str, float]) -> dict[Owner, float]:
@@ -197,10 +196,6 @@ def describe_settings(component: Component) -> str:
     return size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
 
 
-def show_share(share: float) -> str:
+def show_share(share: float | None) -> str:
     """A relative error in per cent."""
-    return f"{100.0 * share:.2g} %" if np.isfinite(share) else "an unknown amount"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return f"{100.0 * share:.2g} %" if share is not None and np.isfinite(share) else "an unknown amount"

@@ -18,8 +18,8 @@ from headstock.pipeline.accuracy.settings import (
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
+from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.ranks import share_from_root
@@ -36,13 +36,13 @@ class AccuracySearch:
     Attributes:
         scene: With the settings chosen.
         state: Of the last round, complete on rank 0.
-        summary: Rounds, settings and errors, as in ``summary.json``.
+        answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
     """
 
     scene: Scene
     state: RunState
-    summary: Json
+    answer: AccuracyAnswer
     failure: str = ""
 
 
@@ -74,7 +74,8 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
-    goal, rounds = _goal(scene), []
+    goal = _goal(scene)
+    rounds: list[AccuracyRound] = []
     history = History()
     current, plan = plan_start(scene)
     state = run_round(current, plan)
@@ -95,25 +96,18 @@ def search_settings(scene: Scene, run_round: RunRound, note: Note) -> AccuracySe
             failure = str(error)
             break
         if state.is_root:
-            for name, change in verdict.changes.items():
-                note(Stage("refine", name, verdict.round["because"]), change)
+            for name, change in (verdict.round.changes or {}).items():
+                note(Stage("refine", name, verdict.round.because), change)
         current, state = verdict.scene, run_round(verdict.scene, plan)
-    last = rounds[-1] if rounds else {}
-    summary = {
-        "asked": goal.to,
-        "estimated": last.get("error"),
-        "met": not failure,
-        "reason": failure,
-        "rounds": rounds,
-        "settings": {
-            name: describe_settings(part)
-            for name, part in current.machine.components.items()
-            if is_chosen(part) or name in history.rigid
-        },
+    settings = {
+        name: describe_settings(part)
+        for name, part in current.machine.components.items()
+        if is_chosen(part) or name in history.rigid
     }
+    answer, last = AccuracyAnswer(goal.to, tuple(rounds), settings, failure), rounds[-1]
     if failure:
-        failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last['quantity']} within {show_share(last['error'])}: {failure}"
-    return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, summary, failure)
+        failure = f"the accuracy of {100.0 * goal.to:g} % is not reached; best: {last.quantity} within {show_share(last.error)}: {failure}"
+    return AccuracySearch(dataclasses.replace(current, analyses=scene.analyses), state, answer, failure)
 
 
 def plan_start(scene: Scene) -> tuple[Scene, Plan]:

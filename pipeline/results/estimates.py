@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from headstock.pipeline.storage.json_texts import Json
-
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
 CURVED_FACES = "curved faces"
@@ -47,11 +45,11 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
     return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners)
 
 
-def scale_shares(error: Estimate, factor: float) -> Json:
+def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:
     """Source of error to its size in another unit."""
     return {source: None if size is None else factor * size for source, size in error.shares.items()}
 
 
-def scale_parts(error: Estimate, factor: float = 1.0) -> Json:
+def scale_parts(error: Estimate, factor: float = 1.0) -> dict[str, dict[str, float]]:
     """Source of error to the part of each component in another unit."""
     return {source: {name: factor * size for name, size in parts.items()} for source, parts in error.parts.items()}

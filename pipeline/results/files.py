@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import cast
 
 import h5py
 import numpy as np
@@ -13,9 +14,9 @@ import numpy as np
 from headstock.pipeline.results.frf import ResponseCurves, parse_curves
 from headstock.pipeline.results.path import PathCurves, parse_path
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import OutputError, PendingOutputs, naming_output
 from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
 
@@ -76,10 +77,9 @@ def _fill(file: h5py.File, results: Results) -> None:
     for library, version in results.versions.items():
         file.require_group("versions").attrs[library] = version
     if results.provenance is not None:
-        content = results.provenance.summarise()
         # no attribute: a limit of HDF5 keeps long ones out
-        file["provenance/scene_text"] = np.bytes_(str(content.pop("scene_text")).encode() or b"\n")
-        write_words(file["provenance"], content)
+        file["provenance/scene_text"] = np.bytes_(results.provenance.scene_text.encode() or b"\n")
+        write_words(file["provenance"], results.provenance.summarise_for_export())
     for name, stiffness in results.joint_springs.items():
         file[f"joints/{name}/stiffness"] = stiffness
     if results.labels:
@@ -109,7 +109,7 @@ def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
     file.visititems(mark)
 
 
-def read_summary(folder: Path) -> Json:
+def read_summary(folder: Path) -> RunSummary:
     """The summary in an output folder.
 
     Raises:
@@ -128,7 +128,7 @@ def read_summary(folder: Path) -> Json:
         raise OutputError(
             f"{path} is not a summary: it holds a {type(summary).__name__}; `headstock run SCENE -o {folder}` writes one"
         )
-    return summary
+    return cast(RunSummary, summary)  # a damaged one shows where it is read: no program but this one writes it
 
 
 def read_view(folder: Path) -> MachineView:

@@ -1,8 +1,8 @@
 """Frequency responses as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NotRequired, TypedDict
 
 import h5py
 import numpy as np
@@ -10,13 +10,59 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import REDUCTION
-from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 Spacing = Literal["linear", "log"]
 UM_PER_KN = 1e9  # m/N
 N_PER_UM = 1e-6  # N/m
+
+
+class PortSummary(TypedDict):
+    """The entry of a port; keys in SI are those of rotations."""
+
+    port: list[str]
+    worst_real_hz: float | None
+    worst_real_error_share: dict[str, float]
+    softest_hz: float | None
+    softest_mode: str
+    plain_sum_error: float | None
+    static_um_per_kN: NotRequired[float | None]
+    worst_real_um_per_kN: NotRequired[float | None]
+    worst_real_error_um_per_kN: NotRequired[float | None]
+    chatter_stiffness_N_per_um: NotRequired[float | None]
+    softest_N_per_um: NotRequired[float | None]
+    static_SI: NotRequired[float | None]
+    worst_real_SI: NotRequired[float | None]
+    worst_real_error_SI: NotRequired[float | None]
+    chatter_stiffness_SI: NotRequired[float | None]
+    softest_SI: NotRequired[float | None]
+
+
+class LineErrors(TypedDict):
+    """Errors of a source over the largest entry of the same line."""
+
+    median_share: float
+    largest_share: float
+    largest_share_hz: float
+
+
+class ResponseSummary(TypedDict):
+    """The entry of a pose in ``frf``; its ``error`` is by source, and ``bounded_to_hz`` says how far up there is a bound."""
+
+    inputs: list[list[str]]
+    outputs: list[list[str]]
+    from_hz: float
+    to_hz: float
+    points: int
+    motion: Motion
+    method: str
+    damped: bool
+    free_body: list[str]
+    singular_hz: list[float]
+    error: dict[str, LineErrors | float | None] | None
+    error_left_out: list[str]
+    ports: list[PortSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,34 +173,28 @@ class PoseResponse(Answer):
         r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N or N m, by outputs and inputs",
     }
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``frf`` by pose."""
-        return {"frf": {response.curves.pose: summarise_response(response) for response in found}}
+    def summarise(self) -> ResponseSummary:
+        """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+        curves = self.curves
+        return {
+            "inputs": [list(port) for port in curves.inputs],
+            "outputs": [list(port) for port in curves.outputs],
+            "from_hz": float(curves.frequencies_hz[0]),
+            "to_hz": float(curves.frequencies_hz[-1]),
+            "points": len(curves.frequencies_hz),
+            "motion": curves.motion,
+            "method": self.method,
+            "damped": self.damped,
+            "free_body": list(self.free_body),
+            "singular_hz": list(self.singular_hz),
+            "error": _summarise_error(curves),
+            "error_left_out": list(self.error_left_out),
+            "ports": [_summarise_port(figures) for figures in self.figures],
+        }
 
     def fill(self, file: h5py.File) -> None:
         """Write the curves."""
         fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
-
-
-def summarise_response(response: PoseResponse) -> Json:
-    """The entry of a pose in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
-    curves = response.curves
-    return {
-        "inputs": [list(port) for port in curves.inputs],
-        "outputs": [list(port) for port in curves.outputs],
-        "from_hz": float(curves.frequencies_hz[0]),
-        "to_hz": float(curves.frequencies_hz[-1]),
-        "points": len(curves.frequencies_hz),
-        "motion": curves.motion,
-        "method": response.method,
-        "damped": response.damped,
-        "free_body": list(response.free_body),
-        "singular_hz": list(response.singular_hz),
-        "error": _summarise_error(curves),
-        "error_left_out": list(response.error_left_out),
-        "ports": [_summarise_port(figures) for figures in response.figures],
-    }
 
 
 def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
@@ -203,34 +243,37 @@ def split_port(text: str) -> Port:
     return name, direction
 
 
-def _summarise_port(figures: PortFigures) -> Json:
+def _summarise_port(figures: PortFigures) -> PortSummary:
     linear = figures.port[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
-    names = ("um_per_kN", "N_per_um") if linear else ("SI", "SI")
-    return {
+    static, worst, error = (_scaled(value, soft) for value in (figures.static, figures.worst_real, figures.worst_real_error))
+    chatter, softest = (_scaled(value, stiff) for value in (figures.chatter_stiffness, figures.softest))
+    summary: PortSummary = {
         "port": list(figures.port),
-        f"static_{names[0]}": _scaled(figures.static, soft),
-        f"worst_real_{names[0]}": _scaled(figures.worst_real, soft),
         "worst_real_hz": figures.worst_real_hz,
-        f"chatter_stiffness_{names[1]}": _scaled(figures.chatter_stiffness, stiff),
-        f"softest_{names[1]}": _scaled(figures.softest, stiff),
-        f"worst_real_error_{names[0]}": _scaled(figures.worst_real_error, soft),
         "worst_real_error_share": {source: soft * size for source, size in figures.worst_real_error_share.items()},
         "softest_hz": figures.softest_hz,
         "softest_mode": figures.softest_mode,
         "plain_sum_error": figures.plain_sum_error,
     }
+    if linear:
+        summary |= {"static_um_per_kN": static, "worst_real_um_per_kN": worst, "worst_real_error_um_per_kN": error}
+        summary |= {"chatter_stiffness_N_per_um": chatter, "softest_N_per_um": softest}
+    else:
+        summary |= {"static_SI": static, "worst_real_SI": worst, "worst_real_error_SI": error}
+        summary |= {"chatter_stiffness_SI": chatter, "softest_SI": softest}
+    return summary
 
 
-def _summarise_error(curves: ResponseCurves) -> Json | None:
+def _summarise_error(curves: ResponseCurves) -> dict[str, LineErrors | float | None] | None:
     """Largest and median error by source over the largest entry of the same line, and how far up there is a bound."""
     if curves.error is None:
         return None
     bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(axis=(1, 2))
     if not bounded.any():
-        return dict.fromkeys(curves.error_share, None) | {"bounded_to_hz": 0.0}
+        return {**dict.fromkeys(curves.error_share), "bounded_to_hz": 0.0}
     lines, sizes = curves.frequencies_hz[bounded], np.abs(curves.receptance[bounded]).max(axis=(1, 2))
-    found: Json = {}
+    found: dict[str, LineErrors | float | None] = {"bounded_to_hz": float(lines[-1])}
     for source, error in curves.error_share.items():
         shares = error[bounded].max(axis=(1, 2)) / sizes
         found[source] = {
@@ -238,7 +281,7 @@ def _summarise_error(curves: ResponseCurves) -> Json | None:
             "largest_share": float(shares.max()),
             "largest_share_hz": float(lines[int(np.argmax(shares))]),
         }
-    return found | {"bounded_to_hz": float(lines[-1])}
+    return found
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

@@ -1,14 +1,19 @@
 """Where a closed-loop mechanism stands in a pose, as a result."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import condition_numbers
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.storage.json_texts import Json
+
+
+class MechanismSummary(TypedDict):
+    """The entry of a pose in ``mechanism``."""
+
+    coordinates: dict[str, float]
+    condition_number: float
 
 
 @dataclass(frozen=True)
@@ -25,14 +30,9 @@ class MechanismPose(Answer):
     coordinates: dict[str, float]
     condition_number: float
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``mechanism`` by pose."""
-        return {
-            "mechanism": {
-                answer.pose: {"coordinates": answer.coordinates, "condition_number": answer.condition_number} for answer in found
-            }
-        }
+    def summarise(self) -> MechanismSummary:
+        """As it stands in ``summary.json``."""
+        return {"coordinates": self.coordinates, "condition_number": self.condition_number}
 
 
 def describe_state(mechanism: ToolMechanism, pose: str, state: FloatArray) -> MechanismPose:

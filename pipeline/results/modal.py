@@ -1,8 +1,7 @@
 """Natural modes as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar, NotRequired, TypedDict
 
 import h5py
 import numpy as np
@@ -11,7 +10,29 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import Estimate, scale_parts
-from headstock.pipeline.storage.json_texts import Json, check_finite
+from headstock.pipeline.storage.json_texts import check_finite
+
+
+class ModesSummary(TypedDict):
+    """The entry of a pose in ``modal``; lists have an item per mode."""
+
+    pose_name: str
+    pose: dict[str, float]
+    pose_units: dict[str, str]
+    frequencies_hz: list[float]
+    rigid_count: int
+    error_hz: list[float | None]
+    error_share: list[dict[str, float | None]]
+    error_parts: list[dict[str, dict[str, float]]]
+    error_left_out: list[str]
+    damping_ratio: list[float | None]
+    damping_error: list[float | None]
+    damped_hz: list[float | None]
+    damped_error_hz: list[float | None]
+    mode_names: list[str]
+    energy_share: list[dict[str, float]]
+    kinetic_share: list[dict[str, float]]
+    interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +86,33 @@ class PoseModes(Answer):
         """Estimated error of each frequency, all sources together; None where there is no estimate."""
         return tuple(error.total for error in self.errors)
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``modal``, one per pose."""
-        return {"modal": [_summarise_modes(modes) for modes in found]}
+    def summarise(self) -> ModesSummary:
+        """As they stand in ``summary.json``.
+
+        Raises:
+            AccuracyError: A frequency is not a finite number.
+        """
+        summary: ModesSummary = {
+            "pose_name": self.pose.name,
+            "pose": dict(self.pose.positions),
+            "pose_units": {axis: self.pose_units[axis] for axis in self.pose.positions if axis in self.pose_units},
+            "frequencies_hz": check_finite(f"modal analysis in pose {self.pose.name}", self.frequencies_hz),
+            "rigid_count": self.rigid_count,
+            "error_hz": list(self.error_hz),
+            "error_share": [dict(error.shares) for error in self.errors],
+            "error_parts": [scale_parts(error) for error in self.errors],
+            "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
+            "damping_ratio": list(self.damping_ratio),
+            "damping_error": list(self.damping_error or (None,) * len(self.damping_ratio)),
+            "damped_hz": list(self.damped_hz),
+            "damped_error_hz": list(self.damped_error_hz or (None,) * len(self.damped_hz)),
+            "mode_names": list(self.mode_names),
+            "energy_share": list(self.energy_share),
+            "kinetic_share": list(self.kinetic_share),
+        }
+        if self.spread_hz:
+            summary["interface_spread_hz"] = list(self.spread_hz)
+        return summary
 
     def fill(self, file: h5py.File) -> None:
         """Write frequencies, shapes and where the components are."""
@@ -84,28 +128,3 @@ class PoseModes(Answer):
         for name, frame in self.placements.items():
             group[f"placements/{name}/origin"] = frame.origin
             group[f"placements/{name}/rotation"] = frame.rotation
-
-
-def _summarise_modes(modes: PoseModes) -> Json:
-    what = f"modal analysis in pose {modes.pose.name}"
-    summary: Json = {
-        "pose_name": modes.pose.name,
-        "pose": modes.pose.positions,
-        "pose_units": {axis: modes.pose_units[axis] for axis in modes.pose.positions if axis in modes.pose_units},
-        "frequencies_hz": check_finite(what, modes.frequencies_hz),
-        "rigid_count": modes.rigid_count,
-        "error_hz": list(modes.error_hz),
-        "error_share": [dict(error.shares) for error in modes.errors],
-        "error_parts": [scale_parts(error) for error in modes.errors],
-        "error_left_out": sorted({words for error in modes.errors for words in error.left_out}),
-        "damping_ratio": list(modes.damping_ratio),
-        "damping_error": list(modes.damping_error or (None,) * len(modes.damping_ratio)),
-        "damped_hz": list(modes.damped_hz),
-        "damped_error_hz": list(modes.damped_error_hz or (None,) * len(modes.damped_hz)),
-        "mode_names": list(modes.mode_names),
-        "energy_share": [dict(share) for share in modes.energy_share],
-        "kinetic_share": [dict(share) for share in modes.kinetic_share],
-    }
-    if modes.spread_hz:
-        summary["interface_spread_hz"] = [None if span is None else list(span) for span in modes.spread_hz]
-    return summary

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.parts.skins import Skin
+from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import replace_outputs
 
 MODES_FOLDER = "modes"
@@ -32,7 +32,7 @@ Z_UP_TO_Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 AnyArray = NDArray[Any]
 
 
-def write_mode_files(folder: Path, summary: Json, view: MachineView) -> list[str]:
+def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineView) -> list[str]:
     """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those of an earlier run.
 
     Returns:
@@ -42,15 +42,14 @@ def write_mode_files(folder: Path, summary: Json, view: MachineView) -> list[str
         OutputError: A file cannot be written.
     """
     contents: dict[str, bytes] = {}
-    by_pose = {modes["pose_name"]: modes for modes in summary["modal"]}
+    by_pose = {modes["pose_name"]: modes for modes in modal if modes["frequencies_hz"]}
     for name, pose in view.poses.items():
-        modes = by_pose.get(name, {"frequencies_hz": []})
-        if not pose.pushes and not (pose.shifts and modes["frequencies_hz"]):
-            continue
-        stem = file_stem(name)
-        contents[f"{stem}.vtu"] = encode_vtu(view, pose, modes)
-        for index in range(len(modes["frequencies_hz"]) if pose.shifts else 0):
-            contents[f"{stem}_{index + 1:02d}.glb"] = encode_glb(view, pose, modes, index)
+        modes, stem = by_pose.get(name) if pose.shifts else None, file_stem(name)
+        if pose.pushes or modes is not None:
+            contents[f"{stem}.vtu"] = encode_vtu(view, pose, modes)
+        if modes is not None:
+            count = len(modes["frequencies_hz"])
+            contents |= {f"{stem}_{index + 1:02d}.glb": encode_glb(view, pose, modes, index) for index in range(count)}
     return replace_outputs(folder, MODES_FOLDER, contents)
 
 
@@ -70,7 +69,7 @@ def largest_shift(shifts: Sequence[AnyArray]) -> float:
     return max((float(np.linalg.norm(part, axis=-1).max(initial=0.0)) for part in shifts), default=0.0) or 1.0
 
 
-def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
+def encode_vtu(view: MachineView, pose: PoseView, modes: ModesSummary | None) -> bytes:
     """Surface of the machine in a pose [m] with its displacements.
 
     Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes [m/sqrt(kg)], ``static_POINT_x`` displacements
@@ -86,13 +85,13 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: Json) -> bytes:
         numbers.append(np.full(len(skin.points), number, dtype=np.int32))
         start += len(skin.points)
     fields: dict[str, AnyArray] = {"component": np.concatenate(numbers)}
-    if pose.shifts:
-        for index in range(len(modes["frequencies_hz"])):
-            fields[mode_array(index)] = np.vstack([pose.shifts[name][index] for name in view.skins]).astype(np.float32)
+    for index in range(0 if modes is None else len(modes["frequencies_hz"])):
+        fields[mode_array(index)] = np.vstack([pose.shifts[name][index] for name in view.skins]).astype(np.float32)
     for push, shifts in pose.pushes.items():
         fields[push_array(push)] = np.vstack([shifts[name] for name in view.skins]).astype(np.float32)
     block = CellBlock(VTK_TRIANGLE, np.vstack(triangles))
-    return encode_grid(Grid(np.vstack(points), (block,), fields, {}, mode_numbers(modes) if pose.shifts else {}))
+    numbers_of_modes = {} if modes is None else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
+    return encode_grid(Grid(np.vstack(points), (block,), fields, {}, numbers_of_modes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +123,12 @@ def push_array(push: str) -> str:
     return f"static_{push.replace(' ', '_')}"
 
 
-def mode_numbers(modes: Json) -> dict[str, AnyArray]:
-    """Frequencies and damping ratios of the modes of a pose; no ratios where nothing is damped."""
-    found = {"frequencies_hz": np.array(modes["frequencies_hz"], dtype=np.float64)}
-    ratios = modes.get("damping_ratio", [])
-    if any(ratio is not None for ratio in ratios):
-        found["damping_ratio"] = np.array([math.nan if ratio is None else ratio for ratio in ratios])
-    return found if modes["frequencies_hz"] else {}
+def mode_numbers(frequencies_hz: Sequence[float], damping_ratio: Sequence[float | None]) -> dict[str, AnyArray]:
+    """Frequencies [Hz] and damping ratios of the modes of a pose as arrays; no ratios where nothing is damped."""
+    found = {"frequencies_hz": np.array(frequencies_hz, dtype=np.float64)}
+    if any(ratio is not None for ratio in damping_ratio):
+        found["damping_ratio"] = np.array([math.nan if ratio is None else ratio for ratio in damping_ratio])
+    return found if len(frequencies_hz) else {}
 
 
 def encode_grid(grid: Grid) -> bytes:
@@ -166,7 +164,7 @@ def encode_grid(grid: Grid) -> bytes:
     ).encode()
 
 
-def encode_glb(view: MachineView, pose: PoseView, modes: Json, index: int) -> bytes:
+def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
     """One mode as an animated model: each body a mesh with its displacement as morph target, its weight swinging as a sine.
 
     Source: glTF 2.0 specification (Khronos, 2021), binary container.

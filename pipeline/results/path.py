@@ -1,9 +1,7 @@
 """Deviations from a path as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
-import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar, TypedDict
 
 import h5py
 import numpy as np
@@ -11,12 +9,64 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.frf import split_port
-from headstock.pipeline.storage.json_texts import Json
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Port, name_port
 
 ZONES = ("accelerating", "decelerating")
 _PARTS = ("total", "quasi_static", "sway", "dynamic")
+type ZoneSummary = dict[
+    str, float | None
+]  # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
+
+
+class OutputSummary(TypedDict):
+    """The entry of an output at one feed."""
+
+    port: list[str]
+    accelerating: ZoneSummary
+    decelerating: ZoneSummary
+
+
+class FeedSummary(TypedDict):
+    """The entry of a feed."""
+
+    name: str
+    feed_mm_per_min: float
+    acceleration: float
+    outputs: list[OutputSummary]
+
+
+class FollowedSummary(TypedDict):
+    """How the poses of a path were followed."""
+
+    stations: int
+    error: float
+    turn_error: float
+    modes: int
+    next_hz: float | None
+    steps: int
+    truncation: float
+    effect: list[float]
+
+
+class PathSummary(TypedDict):
+    """The entry ``path``."""
+
+    start: dict[str, float]
+    end: dict[str, float]
+    length: float
+    ramp: str
+    time_constant: float
+    sampling_hz: float
+    lowpass_hz: float | None
+    filter: str
+    damped: bool
+    slow_hz: float
+    slow_count: int
+    drives: list[str]
+    energy_error: dict[str, float]
+    poses: FollowedSummary | None
+    feeds: list[FeedSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +136,19 @@ class FollowedPoses:
     truncation: float
     effect: tuple[float, ...]
 
+    def summarise(self) -> FollowedSummary:
+        """As it stands in ``summary.json``."""
+        return {
+            "stations": self.stations,
+            "error": self.error,
+            "turn_error": self.turn_error,
+            "modes": self.modes,
+            "next_hz": self.next_hz,
+            "steps": self.steps,
+            "truncation": self.truncation,
+            "effect": list(self.effect),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class PathResult(Answer):
@@ -132,10 +195,25 @@ class PathResult(Answer):
         r"path/.*": "SI: m or rad, by outputs",
     }
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``path``, of which there is one."""
-        return {"path": summarise_path(found[0])}
+    def summarise(self) -> PathSummary:
+        """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
+        return {
+            "start": self.start,
+            "end": self.end,
+            "length": self.length,
+            "ramp": self.ramp,
+            "time_constant": self.time_constant,
+            "sampling_hz": self.sampling_hz,
+            "lowpass_hz": self.lowpass_hz,
+            "filter": self.filter,
+            "damped": self.damped,
+            "slow_hz": self.slow_hz,
+            "slow_count": self.slow_count,
+            "drives": list(self.drives),
+            "energy_error": self.energy_error,
+            "poses": None if self.poses is None else self.poses.summarise(),
+            "feeds": [_summarise_run(run) for run in self.runs],
+        }
 
     def fill(self, file: h5py.File) -> None:
         """Write the curves of every feed."""
@@ -143,20 +221,17 @@ class PathResult(Answer):
             fill_path(file.create_group(f"path/{run.curves.name.replace('/', ' per ')}"), run.curves)
 
 
-def summarise_path(found: PathResult) -> Json:
-    """The entry in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
-    summary = {item.name: getattr(found, item.name) for item in dataclasses.fields(found) if item.name not in ("runs", "poses")}
-    summary["poses"] = None if found.poses is None else dataclasses.asdict(found.poses)
-    return summary | {"feeds": [_summarise_run(run) for run in found.runs]}
-
-
-def _summarise_run(run: PathRun) -> Json:
+def _summarise_run(run: PathRun) -> FeedSummary:
     return {
         "name": run.curves.name,
         "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [
-            {"port": list(port), **{name: _summarise_zone(port, *zone) for name, *zone in zip(ZONES, zones, frozen, strict=True)}}
+            {
+                "port": list(port),
+                "accelerating": _summarise_zone(port, zones[0], frozen[0]),
+                "decelerating": _summarise_zone(port, zones[1], frozen[1]),
+            }
             for port, zones, frozen in zip(run.curves.outputs, run.figures, run.frozen_figures, strict=True)
         ],
     }
@@ -167,7 +242,7 @@ def deviation_unit(port: Port) -> tuple[str, float]:
     return ("urad" if port[1].startswith("r") else "um"), 1e6
 
 
-def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> Json:
+def _summarise_zone(port: Port, zone: ZoneFigures, frozen: ZoneFigures) -> ZoneSummary:
     unit, factor = deviation_unit(port)
     times = {"begin_s": zone.begin, "ramp_end_s": zone.ramp_end, "end_s": zone.end, "peak_s": zone.peak_time}
     sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")

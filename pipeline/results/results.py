@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.answers import Answer, SummarisedAnswer, find_answers
+from headstock.pipeline.results.accuracy import AccuracyAnswer
+from headstock.pipeline.results.answers import Answer, find_answers
 from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.modal import PoseModes
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.provenance import Provenance
 
 
@@ -91,7 +91,6 @@ class Results:
         return next(iter(find_answers(self.answers, PathResult)), None)
 
     @property
-    def accuracy(self) -> Json | None:
-        """How settings were chosen for an accuracy, as in the summary; None where the scene asks for none."""
-        found = find_answers(self.answers, SummarisedAnswer)
-        return next((answer.content for answer in found if answer.key == "accuracy"), None)
+    def accuracy(self) -> AccuracyAnswer | None:
+        """How settings were chosen for an accuracy; None where the scene asks for none."""
+        return next(iter(find_answers(self.answers, AccuracyAnswer)), None)

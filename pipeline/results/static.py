@@ -1,8 +1,7 @@
 """Static answers as results, compliances at points and responses at probes: the types, and how they read in both files."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar, NotRequired, TypedDict
 
 import h5py
 import numpy as np
@@ -10,9 +9,34 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import Estimate, scale_parts, scale_shares
-from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
+from headstock.pipeline.storage.json_texts import check_finite, null_open
 
 UM_PER_KN = 1e9  # m/N
+
+
+class PointSummary(TypedDict):
+    """The entry of a point in ``static``; directions x, y, z are keys of budgets and errors."""
+
+    compliance_um_per_kN: list[list[float | None]]
+    compliance_6x6: list[list[float | None]]
+    free_motions: list[str]
+    budget: dict[str, dict[str, float]]
+    sentence: str
+    error_um_per_kN: dict[str, float | None]
+    error_share: dict[str, dict[str, float | None]]
+    error_parts: dict[str, dict[str, dict[str, float]]]
+    error_left_out: list[str]
+    displacement: NotRequired[list[float | None]]
+
+
+class ProbeSummary(TypedDict):
+    """The entry of a probe in ``probes``; stresses by ``xx``, ``xy`` and so on."""
+
+    component: str
+    displacement_um: list[float]
+    stress_mpa: dict[str, float]
+    von_mises_mpa: float
+    stress_jump: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +76,13 @@ class StaticAnswer(Answer):
         r"static/.*/displacement": "SI: m, m, m, rad, rad, rad",
     }
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``static`` holds the first pose, and ``static_poses`` all of them when there are several."""
-        by_pose = {answer.pose: {name: _summarise_point(name, point) for name, point in answer.points.items()} for answer in found}
-        return {"static": next(iter(by_pose.values()))} | ({"static_poses": by_pose} if len(by_pose) > 1 else {})
+    def summarise(self) -> dict[str, PointSummary]:
+        """Its points as they stand in ``summary.json``.
+
+        Raises:
+            AccuracyError: A compliance is not a number although no motion is free.
+        """
+        return {name: _summarise_point(name, point) for name, point in self.points.items()}
 
     def fill(self, file: h5py.File) -> None:
         """Write compliances and displacements, NaN for what free motions leave open."""
@@ -64,7 +90,7 @@ class StaticAnswer(Answer):
             group = file.create_group(f"static/{self.pose}/{name}")
             for what, values in (("compliance", point.compliance), ("displacement", point.displacement)):
                 if values is not None:
-                    check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values)
+                    check_finite(f"static {what} at {name}", values[~np.isnan(values)] if point.free_motions else values.ravel())
                     group[what] = values
 
 
@@ -97,19 +123,18 @@ class ProbeAnswer(Answer):
     pose: str
     probes: dict[str, ProbeResponse]
 
-    @classmethod
-    def summarise(cls, found: Sequence[Self]) -> Json:
-        """``probes`` by pose and name."""
-        return {
-            "probes": {
-                answer.pose: {name: _summarise_probe(name, probe) for name, probe in answer.probes.items()} for answer in found
-            }
-        }
+    def summarise(self) -> dict[str, ProbeSummary]:
+        """Its probes as they stand in ``summary.json``.
+
+        Raises:
+            AccuracyError: A response is not a finite number.
+        """
+        return {name: _summarise_probe(name, probe) for name, probe in self.probes.items()}
 
 
-def _summarise_point(name: str, point: PointCompliance) -> Json:
+def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
     what, free = f"static compliance at {name}", bool(point.free_motions)
-    summary: Json = {
+    summary: PointSummary = {
         "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
         "compliance_6x6": null_open(what, point.compliance, free=free),
         "free_motions": list(point.free_motions),
@@ -126,18 +151,22 @@ def _summarise_point(name: str, point: PointCompliance) -> Json:
         "error_left_out": sorted({words for error in point.errors.values() for words in error.left_out}),
     }
     if point.displacement is not None:
-        summary["displacement"] = null_open(f"displacement of {name} under the static loads", point.displacement, free=free)
+        what = f"displacement of {name} under the static loads"
+        summary["displacement"] = null_open(what, point.displacement[None], free=free)[0]
     return summary
 
 
-def _summarise_probe(name: str, probe: ProbeResponse) -> Json:
+def _summarise_probe(name: str, probe: ProbeResponse) -> ProbeSummary:
     what = f"response at probe {name}"
     deviator = probe.stress - np.trace(probe.stress) / 3.0 * np.eye(3)
-    stress = check_finite(what, probe.stress * 1e-6)
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     return {
         "component": probe.component,
         "displacement_um": check_finite(what, probe.displacement * 1e6),
-        "stress_mpa": {"xyz"[i] + "xyz"[j]: stress[i][j] for i in range(3) for j in range(i, 3)},
+        "stress_mpa": {
+            "xyz"[i] + "xyz"[j]: size
+            for (i, j), size in zip(pairs, check_finite(what, [probe.stress[pair] * 1e-6 for pair in pairs]), strict=True)
+        },
         "von_mises_mpa": float(np.sqrt(1.5 * (deviator**2).sum()) * 1e-6),
         "stress_jump": probe.jump,
     }

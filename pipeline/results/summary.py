@@ -1,38 +1,138 @@
 """How results read as ``summary.json``."""
 
 import math
+from typing import Literal, NotRequired, TypedDict
 
-from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.answers import summarise_answers
+from headstock.pipeline.planning.plan import StageKind, StageRecord
+from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracySummary
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.contouring import ContourAnswer, ContourSummary
+from headstock.pipeline.results.control import ControlAnswer, ControlSummary
+from headstock.pipeline.results.frf import PoseResponse, ResponseSummary
+from headstock.pipeline.results.map import MapSummary, WorkspaceMap
+from headstock.pipeline.results.mechanism import MechanismPose, MechanismSummary
+from headstock.pipeline.results.modal import ModesSummary, PoseModes
+from headstock.pipeline.results.path import PathResult, PathSummary
 from headstock.pipeline.results.results import ComponentFacts, Results
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.static import PointSummary, ProbeAnswer, ProbeSummary, StaticAnswer
+from headstock.pipeline.storage.provenance import ProvenanceSummary
 
 
-def summarise(results: Results) -> Json:
+class StageSummary(TypedDict):
+    """The entry of a stage."""
+
+    stage: StageKind
+    component: str | None
+    pose: str | None
+    reason: str
+    seconds: float
+    cpu_seconds: float
+    cached: bool
+    peak_rss_mb: float
+
+
+class TotalsSummary(TypedDict):
+    """Sums over components and stages."""
+
+    mass_kg: float
+    full_dofs: int
+    reduced_dofs: int
+    seconds: float
+    peak_rss_mb: float
+
+
+class QualitySummary(TypedDict):
+    """Quality of the mesh of a component."""
+
+    minimum_scaled_jacobian: float
+    repaired: int
+    volume: float
+    cad_volume: float | None
+
+
+class ComponentSummary(TypedDict):
+    """The entry of a component."""
+
+    fidelity: str
+    full_dofs: int
+    reduced_dofs: int
+    mass_kg: float
+    cutoff_hz: float | None
+    residual: float
+    mesh_quality: NotRequired[QualitySummary]
+
+
+class RunSummary(TypedDict):
+    """The content of ``summary.json``; analyses that were not asked for are not in it, but for empty ``static`` and ``modal``."""
+
+    name: str
+    status: Literal["done", "failed"]
+    versions: dict[str, str]
+    stages: list[StageSummary]
+    totals: TotalsSummary
+    components: dict[str, ComponentSummary]
+    static: dict[str, PointSummary]  # of the first pose
+    modal: list[ModesSummary]
+    warnings: list[str]
+    failures: list[str]
+    files: dict[str, dict[str, str]]
+    provenance: NotRequired[ProvenanceSummary]
+    static_poses: NotRequired[dict[str, dict[str, PointSummary]]]  # of several poses
+    probes: NotRequired[dict[str, dict[str, ProbeSummary]]]
+    mechanism: NotRequired[dict[str, MechanismSummary]]
+    frf: NotRequired[dict[str, ResponseSummary]]
+    path: NotRequired[PathSummary]
+    control: NotRequired[dict[str, ControlSummary]]
+    map: NotRequired[MapSummary]
+    contouring: NotRequired[ContourSummary]
+    accuracy: NotRequired[AccuracySummary]
+
+
+def summarise(results: Results) -> RunSummary:
     """The content of ``summary.json``.
 
     Raises:
         AccuracyError: A result is not a finite number.
     """
-    summary: Json = {
+    answers = results.answers
+    static = {answer.pose: answer.summarise() for answer in find_answers(answers, StaticAnswer)}
+    summary: RunSummary = {
         "name": results.name,
         "status": "failed" if results.failures else "done",
         "versions": results.versions,
         "stages": [_summarise_stage(record) for record in results.stages],
         "totals": _sum_up(results),
         "components": {name: _summarise_component(facts) for name, facts in results.components.items()},
-        "static": {},
-        "modal": [],
+        "static": next(iter(static.values()), {}),
+        "modal": [answer.summarise() for answer in find_answers(answers, PoseModes)],
         "warnings": list(results.warnings),
         "failures": list(results.failures),
         "files": {name: {"sha256": digest} for name, digest in results.files.items()},
     }
     if results.provenance is not None:
         summary["provenance"] = results.provenance.summarise()
-    return summary | summarise_answers(results.answers)
+    if len(static) > 1:
+        summary["static_poses"] = static
+    if probes := find_answers(answers, ProbeAnswer):
+        summary["probes"] = {answer.pose: answer.summarise() for answer in probes}
+    if mechanism := find_answers(answers, MechanismPose):
+        summary["mechanism"] = {answer.pose: answer.summarise() for answer in mechanism}
+    if responses := find_answers(answers, PoseResponse):
+        summary["frf"] = {answer.curves.pose: answer.summarise() for answer in responses}
+    if control := find_answers(answers, ControlAnswer):
+        summary["control"] = {answer.pose: answer.summarise() for answer in control}
+    for path in find_answers(answers, PathResult):
+        summary["path"] = path.summarise()
+    for found in find_answers(answers, WorkspaceMap):
+        summary["map"] = found.summarise()
+    for contour in find_answers(answers, ContourAnswer):
+        summary["contouring"] = contour.summarise()
+    for accuracy in find_answers(answers, AccuracyAnswer):
+        summary["accuracy"] = accuracy.summarise()
+    return summary
 
 
-def _sum_up(results: Results) -> Json:
+def _sum_up(results: Results) -> TotalsSummary:
     facts = results.components.values()
     return {
         "mass_kg": sum(fact.mass_kg for fact in facts),
@@ -43,7 +143,7 @@ def _sum_up(results: Results) -> Json:
     }
 
 
-def _summarise_stage(record: StageRecord) -> Json:
+def _summarise_stage(record: StageRecord) -> StageSummary:
     return {
         "stage": record.stage.kind,
         "component": record.stage.component,
@@ -56,8 +156,8 @@ def _summarise_stage(record: StageRecord) -> Json:
     }
 
 
-def _summarise_component(facts: ComponentFacts) -> Json:
-    summary: Json = {
+def _summarise_component(facts: ComponentFacts) -> ComponentSummary:
+    summary: ComponentSummary = {
         "fidelity": facts.fidelity,
         "full_dofs": facts.full_dofs,
         "reduced_dofs": facts.reduced_dofs,

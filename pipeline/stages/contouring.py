@@ -1,6 +1,5 @@
 """A contour on a lumped mechanism from its request: path, drives, forces and motion.
 
-What is told of a contour: gap, leg forces and motor torques on each face, stability of the cut, sag, and a thinned series.
 Stability of the cut on each face of a contour: the largest multiplier there, and the depth of cut at which chatter starts. The
 stage that contours a block with a lumped mechanism.
 """
@@ -8,7 +7,6 @@ stage that contours a block with a lumped mechanism.
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.answers import SummarisedAnswer
+from headstock.pipeline.results.contouring import FACES, ContourAnswer, ContourFace, FaceStability
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resample_forces, resampling_loss
@@ -55,7 +53,6 @@ NORMALS = ((-1.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, -1.0))
 TRAVELS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 SERIES_POINTS = 2000
 FACE_POINTS = 8192  # of each face, in a row, for the forces of its legs
-FACES = ("lowest x", "highest y", "highest x", "lowest y")
 ASSUMED = (
     "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is told for both",
     "the tool turns clockwise seen from above and leaves the block on its right: climb milling",
@@ -196,12 +193,11 @@ def high_share(run: ContourRun) -> float:
     return float(np.sqrt(power[high].sum(axis=0) / power.sum(axis=0)).max())
 
 
-def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> dict[str, Any]:
+def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> FaceStability:
     """In the middle of a face (0 to 3): multiplier over a tooth period at the depth of cut, and the limit depth."""
     tip = face_dynamics(mechanism, model, request, face)
     multiplier = cut_multiplier(tip, request, request.cut.axial_depth)
-    limit = limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST)
-    return {"multiplier": multiplier, "stable": multiplier < 1.0, "limit_depth_mm": 1e3 * limit}
+    return FaceStability(face + 1, multiplier, limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST))
 
 
 def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float, spindle: float | None = None) -> float:
@@ -223,33 +219,47 @@ def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request:
     return tip_dynamics((motions.mass, damping, np.diag(motions.stiffness)), tip, tip[:2])
 
 
-def summarise_contour(
-    mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, run: ContourRun
-) -> dict[str, Any]:
-    """As it stands in ``summary.json``."""
-    faces = [_face(mechanism, model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()]
+def evaluate_contour(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    request: ContouringRequest,
+    run: ContourRun,
+    force_loss: float | None = None,
+) -> ContourAnswer:
+    """What is kept of a contour that was run.
+
+    Args:
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        request: Path, tool and cut.
+        run: Of the request.
+        force_loss: Share of measured forces that is faster than the steps.
+    """
     on_tool = run.force @ mechanism.mounted.mounting.rotation.T
-    found = {
-        "model": request.model,
-        "material": request.material,
-        "cutting_force": request.cutting,
-        "regeneration": request.regeneration,
-        "coriolis": model.velocity_terms,
-        "faces": faces,
-        "face_3_over_face_1": _face_ratio(faces),
-        "sag_um": {"least": (1e6 * np.abs(run.sag).min(axis=0)).tolist(), "most": (1e6 * np.abs(run.sag).max(axis=0)).tolist()},
-        "force_mean_n": on_tool.mean(axis=0).tolist(),
-        "force_peak_n": np.abs(on_tool).max(axis=0).tolist(),
-        "share_above_twice_the_highest_mode": high_share(run),
-        "marks_s": run.marks.tolist(),
-        "assumed": [*ASSUMED, *([TORQUE] if mechanism.screw_lead else [])],
-        "series": _series(mechanism, model, run),
-    }
-    if request.regeneration:
-        found["stability"] = [
-            {"face": face + 1, "at": FACES[face], **face_stability(mechanism, model, request, face)} for face in range(len(FACES))
-        ]
-    return found
+    some = np.unique(np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp))
+    return ContourAnswer(
+        model=request.model,
+        material=request.material,
+        cutting=request.cutting,
+        regeneration=request.regeneration,
+        coriolis=model.velocity_terms,
+        faces=tuple(_face(model, run, face) for face in range(len(FACES)) if face_instants(run, face).any()),
+        least_give=np.abs(run.sag).min(axis=0),
+        most_give=np.abs(run.sag).max(axis=0),
+        force_mean=on_tool.mean(axis=0),
+        force_peak=np.abs(on_tool).max(axis=0),
+        high_share=high_share(run),
+        marks=run.marks,
+        assumed=(*ASSUMED, *([TORQUE] if mechanism.screw_lead else [])),
+        times=run.times[some],
+        gap=run.gap[some],
+        legs=leg_forces(model, run, some),
+        screw_lead=mechanism.screw_lead,
+        stability=tuple(
+            face_stability(mechanism, model, request, face) for face in range(len(FACES) if request.regeneration else 0)
+        ),
+        force_loss=force_loss,
+    )
 
 
 def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp]) -> FloatArray:
@@ -259,48 +269,12 @@ def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp
     return drive_forces(model, run.drive, run.times[some], thin, run.force[some])[:, : len(LENGTHS)]
 
 
-def motor_torques(mechanism: SceneMechanism, forces: FloatArray) -> FloatArray | None:
-    """Torques of the motors at the forces of their legs [N m]; None where no lead of the screws is known."""
-    return None if mechanism.screw_lead is None else np.asarray(forces * (mechanism.screw_lead / (2.0 * math.pi)))
-
-
-def _face(mechanism: SceneMechanism, model: CompliantMechanism, run: ContourRun, face: int) -> dict[str, Any]:
+def _face(model: CompliantMechanism, run: ContourRun, face: int) -> ContourFace:
     on = face_instants(run, face)
-    gap = 1e6 * run.gap[on]
-    places = np.flatnonzero(on)
+    gap, places = run.gap[on], np.flatnonzero(on)
     start = max(0, (len(places) - FACE_POINTS) // 2)
     legs = leg_forces(model, run, places[start : start + FACE_POINTS])
-    found: dict[str, Any] = {
-        "face": face + 1,
-        "at": FACES[face],
-        "mean_um": gap.mean(axis=0).tolist(),
-        "peak_to_peak_um": np.ptp(gap, axis=0).tolist(),
-        "leg_force_mean_n": legs.mean(axis=0).tolist(),
-        "leg_force_peak_to_peak_n": np.ptp(legs, axis=0).tolist(),
-    }
-    torques = motor_torques(mechanism, legs)
-    if torques is not None:
-        found["motor_torque_mean_nm"] = torques.mean(axis=0).tolist()
-        found["motor_torque_peak_to_peak_nm"] = np.ptp(torques, axis=0).tolist()
-    return found
-
-
-def _face_ratio(faces: list[dict[str, Any]]) -> dict[str, float | None]:
-    near, far = (next((item["mean_um"][0] for item in faces if item["face"] == number), None) for number in (1, 3))
-    ratio = abs(far / near) if near and far else None
-    return {"x as assumed": ratio, "x reversed": None if not ratio else 1.0 / ratio}
-
-
-def _series(mechanism: SceneMechanism, model: CompliantMechanism, run: ContourRun) -> dict[str, Any]:
-    some = np.unique(np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp))
-    legs = leg_forces(model, run, some)
-    found = {
-        "time_s": run.times[some].tolist(),
-        "gap_um": (1e6 * run.gap[some]).tolist(),
-        "leg_force_n": legs.tolist(),
-    }
-    torques = motor_torques(mechanism, legs)
-    return found if torques is None else {**found, "motor_torque_nm": torques.tolist()}
+    return ContourFace(face + 1, gap.mean(axis=0), np.ptp(gap, axis=0), legs.mean(axis=0), np.ptp(legs, axis=0))
 
 
 def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
@@ -318,13 +292,12 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     # the linear model is one about the rigid path, the nonlinear one feels gravity turn by itself
     model = dataclasses.replace(placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False)
     run = run_contour(mechanism, model, request, record=record)
-    found = summarise_contour(mechanism, model, request, run)
-    if record is not None:
-        found["force_share_faster_than_steps"] = loss = resampling_loss(record, run.times)
-        if loss > MOST_LOST:
-            state.warn(
-                f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
-                " raise steps_per_turn in [analyses.contouring] to see it"
-            )
-    told = ", ".join(f"face {item['face']} {item['mean_um'][0]:+.1f} µm" for item in found["faces"] if item["face"] in (1, 3))
-    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}", answers=(SummarisedAnswer("contouring", found),))
+    loss = None if record is None else resampling_loss(record, run.times)
+    if loss is not None and loss > MOST_LOST:
+        state.warn(
+            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps and is averaged over them;"
+            " raise steps_per_turn in [analyses.contouring] to see it"
+        )
+    found = evaluate_contour(mechanism, model, request, run, loss)
+    told = ", ".join(f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm" for face in found.faces if face.number in (1, 3))
+    return Outcome(detail=f"{len(run.times)} steps, gap along x on {told}", answers=(found,))

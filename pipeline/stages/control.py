@@ -7,23 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.answers import SummarisedAnswer
+from headstock.pipeline.results.control import ClosedLoopDrive, ClosedLoopPole, ControlAnswer
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.margins import LoopMargins, find_margins
+from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import LoopPoles, find_loop_poles, require_stable
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest pole asked for
-UM = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,29 +62,28 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     trains = driven.trains
     loop = close_loops(driven.system, trains)
     poles = find_loop_poles(loop)
-    found: Json = {"up_to_hz": request.up_to_hz, "speed_m_per_s": request.speed, "stable": True}
     if poles.limit_hz < request.up_to_hz:
         state.warn(
             f"control: with the dead time of the drives poles are right up to {poles.limit_hz:.4g} Hz only, and {request.up_to_hz:.4g} Hz"
             " are asked for"
         )
+    verdict = ""
     try:
         require_stable(driven.system, trains, loop, poles)
     except UnstableControlError as error:
-        found |= {"stable": False, "verdict": str(error)}
+        verdict = str(error)
         state.failures.append(f"control in pose {pose}: {error}")
-    found["poles"] = _list_poles(driven, poles, request.up_to_hz)
     margins = find_margins(driven.system, trains, to_hz=MARGIN_REACH * request.up_to_hz, around_hz=poles.frequencies_hz)
     lags = {axis: find_velocity_lag(loop, axis)[0] for axis in dict.fromkeys(train.axis for train in trains)}
-    found["drives"] = {
-        train.name: _describe_drive(train, item, found["stable"], lags[train.axis] * request.speed)
-        for train, item in zip(trains, margins, strict=True)
-    }
-    detail = f"{len(found['poles'])} poles, {'stable' if found['stable'] else 'unstable: see below'}"
-    return Outcome(detail=detail, answers=(SummarisedAnswer("control", found, pose),))
+    drives = tuple(
+        ClosedLoopDrive(train, item, lags[train.axis] * request.speed) for train, item in zip(trains, margins, strict=True)
+    )
+    listed = _list_poles(driven, poles, request.up_to_hz)
+    answer = ControlAnswer(pose, request.up_to_hz, request.speed, listed, drives, verdict)
+    return Outcome(detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}", answers=(answer,))
 
 
-def _list_poles(driven: DrivenMachine, poles: LoopPoles, up_to_hz: float) -> list[Json]:
+def _list_poles(driven: DrivenMachine, poles: LoopPoles, up_to_hz: float) -> tuple[ClosedLoopPole, ...]:
     """Poles up to a frequency, oscillating or not, with what moves in them."""
     shown = [int(i) for i in np.flatnonzero(np.abs(poles.poles) <= 2.0 * math.pi * up_to_hz)]
     shown += [index for index in poles.growing() if index not in shown]
@@ -104,29 +101,12 @@ def _list_poles(driven: DrivenMachine, poles: LoopPoles, up_to_hz: float) -> lis
         mode, pole = poles.modes[index], poles.poles[index]
         controlled = poles.frequencies_hz[index] == 0.0 or mode < modes.rigid_count
         listed.append(
-            {
-                "frequency_hz": float(poles.frequencies_hz[index]),
-                "damping_ratio": float(poles.damping_ratios[index]),
-                "real": float(pole.real),
-                "imag": float(pole.imag),
-                "drive": poles.drives[index],
-                "name": f"control of {poles.drives[index]}" if controlled else names[mode],
-            }
+            ClosedLoopPole(
+                complex(pole),
+                frequency_hz=float(poles.frequencies_hz[index]),
+                damping_ratio=float(poles.damping_ratios[index]),
+                drive=poles.drives[index],
+                name=f"control of {poles.drives[index]}" if controlled else names[mode],
+            )
         )
-    return listed
-
-
-def _describe_drive(train: DriveTrain, margins: LoopMargins, stable: bool, lag: float) -> Json:
-    """Gains along the axis and figures of the loop; those of an unstable one mean nothing."""
-    control = train.control
-    told = {name: value for name, value in dataclasses.asdict(margins).items() if name != "drive"}
-    return {
-        "axis": train.axis,
-        "encoder": control.encoder,
-        "kv_per_s": control.position_gain,
-        "velocity_gain_n_s_per_m": control.velocity_gain,
-        "dead_time_s": control.dead_time,
-        "motor_mass_kg": train.motor_mass + train.screw_mass,
-        "velocity_lag_um": lag * UM if stable else None,
-        "margins": told if stable else None,
-    }
+    return tuple(listed)

@@ -1,10 +1,9 @@
 """A map over the poses of a lumped mechanism: modes followed by shape, static stiffness and condition number over a plane or volume.
 
-The stage that maps the workspace of a lumped mechanism, and what is told of the map.
+The stage that maps the workspace of a lumped mechanism.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -12,9 +11,9 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT, tool_pose
+from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.answers import SummarisedAnswer
+from headstock.pipeline.results.map import WorkspaceMap
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest
@@ -27,32 +26,6 @@ IndexArray = NDArray[np.intp]
 N_PER_UM = 1e-6
 CHUNK = 512  # poses evaluated together: more would leave the cache
 PLAINLY_ALIKE = 0.8  # squared cosine with the neighbour's mode of the same number from which no other can be nearer
-
-
-@dataclass(frozen=True, eq=False)
-class WorkspaceMap:
-    """Quantities over a grid of poses.
-
-    Attributes:
-        axes: Names of the two or three axes of the grid.
-        positions: Their positions [m, rad].
-        fixed: Positions of the other axes.
-        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz`` is one mode, followed by its shape,
-            the one with the lowest median.
-        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is the same shape.
-        crossings: Numbers of modes whose order changes somewhere.
-        torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
-        trend: Correlation of the first frequency with the mean leg length.
-    """
-
-    axes: tuple[str, ...]
-    positions: tuple[FloatArray, ...]
-    fixed: dict[str, float]
-    quantities: dict[str, FloatArray]
-    likeness: float
-    crossings: tuple[tuple[int, int], ...]
-    torn: int
-    trend: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,26 +171,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     taken = int(np.isfinite(found.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
     detail = f"{taken} of {first.size} poses{shared}, f1 {_span(first)} Hz"
-    return Outcome(detail=detail, answers=(SummarisedAnswer("map", summarise_map(found)),))
-
-
-def summarise_map(found: WorkspaceMap) -> dict[str, Any]:
-    """As it stands in ``summary.json``; null where a pose cannot be taken."""
-    return {
-        "axes": list(found.axes),
-        "units": {axis: "m" if axis in TOOL_POINT else "rad" for axis in (*found.axes, *found.fixed)},
-        "positions": [values.tolist() for values in found.positions],
-        "fixed": found.fixed,
-        "least_likeness": found.likeness,
-        "crossings": [list(pair) for pair in found.crossings],
-        "torn": found.torn,
-        "f1_and_mean_leg_correlation": found.trend,
-        "quantities": {name: _listed(values) for name, values in found.quantities.items()},
-    }
-
-
-def _listed(values: FloatArray) -> list[Any]:
-    return [_listed(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values]
+    return Outcome(detail=detail, answers=(found,))
 
 
 def _span(values: FloatArray) -> str:

@@ -135,14 +135,13 @@ def _encode_pose(state: RunState, pose: str, meshes: dict[str, tuple[ComponentMe
         start += len(mesh.points)
     together, cells = np.concatenate(moved), np.concatenate(over_cells)
     labels = [f"{'strain_energy_density' if place < count else 'von_mises'}_{name}" for place, name in enumerate(names)]
-    about = {} if modes is None else {"frequencies_hz": list(modes.frequencies_hz), "damping_ratio": list(modes.damping_ratio)}
     return encode_grid(
         Grid(
             np.vstack(points),
             tuple(blocks),
             {"component": np.concatenate(numbers)} | {name: together[:, :, place] for place, name in enumerate(names)},
             {label: cells[:, place] for place, label in enumerate(labels)},
-            mode_numbers(about) if about else {},
+            {} if modes is None else mode_numbers(list(modes.frequencies_hz), modes.damping_ratio),
         )
     )
 

@@ -1,22 +1,24 @@
 """Strict JSON: plain lists of finite numbers."""
 
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 
 Json = dict[str, Any]
 
 
-def dump_json(content: Any) -> str:
+def dump_json(content: Mapping[str, object]) -> str:
     """Strict JSON text: a number that is not finite is an error, not ``NaN``."""
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def check_finite(what: str, values: Any) -> Any:
-    """The values as plain lists.
+def check_finite(what: str, values: FloatArray | Sequence[float]) -> list[float]:
+    """The values ``(n,)`` as a plain list.
 
     Raises:
         AccuracyError: One of them is not a finite number.
@@ -24,19 +26,19 @@ def check_finite(what: str, values: Any) -> Any:
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
         raise AccuracyError(f"{what} holds values that are not finite: {array[~np.isfinite(array)][:3].tolist()}")
-    return array.tolist()
+    return [float(value) for value in array]
 
 
-def null_open(what: str, values: Any, *, free: bool) -> Any:
-    """The values as plain lists, where motions are ``free`` with null in place of NaN.
+def null_open(what: str, values: FloatArray, *, free: bool) -> list[list[float | None]]:
+    """The rows of values as plain lists.
+
+    Args:
+        what: Is told where they are refused.
+        values: ``(m, n)``.
+        free: Motions are free: NaN becomes null.
 
     Raises:
         AccuracyError: One of them is infinite, or not a number although no motion is free.
     """
-    array = np.asarray(values, dtype=float)
-    if not free:
-        return check_finite(what, array)
-    check_finite(what, array[~np.isnan(array)])
-    found = array.astype(object)
-    found[np.isnan(array)] = None
-    return found.tolist()
+    check_finite(what, values[~np.isnan(values)] if free else values.ravel())
+    return [[None if np.isnan(value) else float(value) for value in row] for row in values]

@@ -9,13 +9,10 @@ import re
 import socket
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from headstock.pipeline.storage.json_texts import Json
+from typing import NotRequired, TypedDict
 
 DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
@@ -40,6 +37,24 @@ class SceneChoice:
     variant: str | None = None
     overrides: tuple[str, ...] = ()
     analyses: tuple[str, ...] = ()
+
+
+class ProvenanceSummary(TypedDict):
+    """Where a result comes from, as files tell it: ``command`` and ``host`` where they are known, no scene in files of one model."""
+
+    scene_file: str
+    scene_sha256: str
+    scene_text: NotRequired[str]
+    variant: str | None
+    overrides: list[str]
+    analyses: list[str]
+    version: str
+    commit: str
+    date: str
+    ranks: int
+    threads: int
+    command: NotRequired[list[str]]
+    host: NotRequired[str]
 
 
 @dataclass(frozen=True)
@@ -76,14 +91,29 @@ class Provenance:
     command: tuple[str, ...] | None = None
     host: str | None = None
 
-    def summarise(self) -> "Json":
+    def summarise(self) -> ProvenanceSummary:
         """The same for a summary; host and command only where they are known."""
-        content = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
-        return {key: value for key, value in content.items() if value is not None or key == "variant"}
+        return {**self.summarise_for_export(), "scene_text": self.scene_text}
 
-    def summarise_for_export(self) -> "Json":
+    def summarise_for_export(self) -> ProvenanceSummary:
         """The same for a file of one model that is passed on: the digest of the scene, not its text, which may tell more than the model."""
-        return {key: value for key, value in self.summarise().items() if key != "scene_text"}
+        summary: ProvenanceSummary = {
+            "scene_file": self.scene_file,
+            "scene_sha256": self.scene_sha256,
+            "variant": self.variant,
+            "overrides": list(self.overrides),
+            "analyses": list(self.analyses),
+            "version": self.version,
+            "commit": self.commit,
+            "date": self.date,
+            "ranks": self.ranks,
+            "threads": self.threads,
+        }
+        if self.command is not None:
+            summary["command"] = list(self.command)
+        if self.host is not None:
+            summary["host"] = self.host
+        return summary
 
 
 def trace_origin(choice: SceneChoice, *, ranks: int, command: Sequence[str] | None, with_host: bool) -> Provenance:

@@ -241,7 +241,7 @@ def _compute_point(
         seconds=tuple(cost.seconds for cost in costs),
         cpu_seconds=tuple(cost.cpu_seconds for cost in costs),
         peak_mb=tuple(peaks),
-        cached_stages=sum(stage["cached"] for stage in summary["stages"]),
+        cached_stages=sum(stage.cached for stage in results.stages),
     )
     return finished, None
 

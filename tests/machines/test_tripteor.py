@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
 
@@ -18,21 +17,21 @@ MEASURED = {"config_1": (46.2, 71.3), "config_2": (49.4, 71.3), "config_3": (39.
 
 
 @pytest.fixture(scope="module")
-def summary(tmp_path_factory: pytest.TempPathFactory) -> Json:
+def summary(tmp_path_factory: pytest.TempPathFactory) -> RunSummary:
     folder = tmp_path_factory.mktemp("tripteor")
     written = summarise(run_scene(keep_analyses(load_scene(SCENE, variant="lumped"), WANTED), folder, comm=MPI.COMM_SELF))
     assert json.loads((folder / "summary.json").read_text())["modal"] == written["modal"]
     return written
 
 
-def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(summary: Json) -> None:
+def test_one_parameter_set_meets_the_measured_modes_in_three_configurations(summary: RunSummary) -> None:
     found = {modes["pose_name"]: modes["frequencies_hz"][:2] for modes in summary["modal"]}
     assert set(found) == set(MEASURED)
     for name, measured in MEASURED.items():
         assert np.allclose(found[name], measured, rtol=0.01, atol=0.0)
 
 
-def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary: Json) -> None:
+def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary: RunSummary) -> None:
     assert len(summary["modal"]) == len(MEASURED)
     for modes in summary["modal"]:
         first, second = modes["energy_share"][:2]
@@ -42,7 +41,7 @@ def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary:
         assert sum(modes["kinetic_share"][0].values()) == pytest.approx(1.0)
 
 
-def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: Json) -> None:
+def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: RunSummary) -> None:
     stiffness = {pose: 1e3 / np.diag(points["tcp"]["compliance_um_per_kN"]) for pose, points in summary["static_poses"].items()}
     assert np.allclose(stiffness["config_1"], [30.3, 30.7, 21.9], atol=0.1)
     assert np.allclose(stiffness["config_3"], [26.3, 24.1, 15.6], atol=0.1)
@@ -51,7 +50,7 @@ def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: J
     assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == pytest.approx(0.786, abs=5e-4)
 
 
-def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary: Json, tmp_path: Path) -> None:
+def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary: RunSummary, tmp_path: Path) -> None:
     names = ("sleeve_1", "sleeve_2", "sleeve_3", "beam_1", "beam_2", "beam_3", "platform", "wrist", "spindle")
     masses = {name: fact["mass_kg"] for name, fact in summary["components"].items()}
     settings = [f'components.{name}.mass="{2.0 * masses[name]!r} kg"' for name in names]
@@ -63,7 +62,7 @@ def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary:
     assert np.allclose(heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12, atol=0.0)
 
 
-def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(summary: Json, tmp_path: Path) -> None:
+def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(summary: RunSummary, tmp_path: Path) -> None:
     scene = keep_analyses(load_scene(SCENE, variant="components"), WANTED)
     found = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
     for coupled, lumped in zip(found["modal"], summary["modal"], strict=True):

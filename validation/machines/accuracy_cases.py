@@ -158,6 +158,8 @@ def _estimates(results: Results) -> FloatArray:
 
 
 def _chosen(results: Results) -> str:
-    accuracy = results.accuracy or {}
-    chosen = "; ".join(f"{name}: {words}" for name, words in accuracy.get("settings", {}).items())
-    return f"{chosen} in {len(accuracy.get('rounds', ()))} round(s)"
+    accuracy = results.accuracy
+    if accuracy is None:
+        return "nothing chosen"
+    chosen = "; ".join(f"{name}: {words}" for name, words in accuracy.settings.items())
+    return f"{chosen} in {len(accuracy.rounds)} round(s)"

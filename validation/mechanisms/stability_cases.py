@@ -43,8 +43,8 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
         limits = []
         for face in range(4):
             found = face_stability(tripteor.scene, tripteor.model, request, face)
-            limits.append(float(found["limit_depth_mm"]))
-            note = "the paper cuts 10 mm: stable" if found["stable"] else "the paper cuts 10 mm: unstable"
+            limits.append(1e3 * found.limit_depth)
+            note = "the paper cuts 10 mm: stable" if found.stable else "the paper cuts 10 mm: unstable"
             rows.append(show(case, f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note))
         tip = face_dynamics(tripteor.scene, tripteor.model, request, 2)
         second = (

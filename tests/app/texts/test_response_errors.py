@@ -10,7 +10,7 @@ import pytest
 from headstock.app.texts.error_texts import response_error_words
 from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
-from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves, summarise_response
+from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
 
 PORT = ("tcp", "x")
 HZ = np.array([0.0, 10.0, 20.0])
@@ -46,7 +46,7 @@ def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction
 
 def test_words_name_every_source_and_what_is_left_out(curves):
     response = PoseResponse(curves, "modal", True, (), (), (), ("rigid model of base",))
-    words = response_error_words(summarise_response(response))
+    words = response_error_words(response.summarise())
     assert words[0].startswith(
         "± covers 95 % of errors, from discretisation 15 % of a line in the median, at most 20 % at 10 Hz; reduction 5 %"
     )

@@ -17,7 +17,13 @@ from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.storage.outputs import replace_outputs
 
 NAMES = ("base", 'slider "<&> 2"')
-MODES = {"pose_name": "a/b", "frequencies_hz": [0.0, 87.25], "mode_names": ["free", "slider moves"], "rigid_count": 1}
+MODES = {
+    "pose_name": "a/b",
+    "frequencies_hz": [0.0, 87.25],
+    "mode_names": ["free", "slider moves"],
+    "rigid_count": 1,
+    "damping_ratio": [None, None],
+}
 
 
 def make_view() -> MachineView:
@@ -84,7 +90,7 @@ def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_c
 def test_static_shapes_are_written_without_modes(tmp_path: Path) -> None:
     view = make_view()
     pose = dataclasses.replace(view.poses["a/b"], shifts={})
-    assert write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(view, poses={"a/b": pose})) == []
+    assert write_mode_files(tmp_path, [], dataclasses.replace(view, poses={"a/b": pose})) == []
     written = list((tmp_path / "modes").iterdir())
     assert [path.name for path in written] == ["a_b.vtu"]
     assert list(meshio.read(written[0]).point_data) == ["component", "static_tcp_x"]
@@ -117,12 +123,12 @@ def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> N
 def test_files_are_named_after_pose_and_number_and_those_of_an_earlier_run_go(tmp_path: Path) -> None:
     (tmp_path / "modes").mkdir()
     replace_outputs(tmp_path, "modes", {"old_01.glb": b"old"})
-    assert write_mode_files(tmp_path, {"modal": [MODES]}, make_view()) == []
+    assert write_mode_files(tmp_path, [MODES], make_view()) == []
     assert sorted(path.name for path in (tmp_path / "modes").iterdir()) == ["a_b.vtu", "a_b_01.glb", "a_b_02.glb"]
 
 
 def test_a_run_without_modes_leaves_no_folder(tmp_path: Path) -> None:
-    assert write_mode_files(tmp_path, {"modal": []}, dataclasses.replace(make_view(), poses={})) == []
+    assert write_mode_files(tmp_path, [], dataclasses.replace(make_view(), poses={})) == []
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,7 +8,7 @@ import pytest
 from headstock.app.report.contour import draw_contour
 from headstock.app.texts.tables import _contour_table
 from headstock.geometry.errors import PoseError
-from headstock.pipeline.stages.contouring import run_contour, summarise_contour
+from headstock.pipeline.stages.contouring import evaluate_contour, run_contour
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -38,7 +38,7 @@ def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine
 def test_the_summary_tells_faces_assumptions_and_leg_forces(machine: Tripteor) -> None:
     request = contour_request("al7075-t6")
     run = run_contour(machine.scene, machine.model, request, until=SHORT)
-    found = summarise_contour(machine.scene, machine.model, request, run)
+    found = evaluate_contour(machine.scene, machine.model, request, run).summarise()
     assert [face["face"] for face in found["faces"]] == [1]
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}

@@ -8,10 +8,9 @@ from mpi4py import MPI
 
 from headstock.app.report.map import draw_map, map_layers, map_values
 from headstock.app.texts.tables import _map_table, list_tables
-from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.map import map_workspace, summarise_map
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.stages.map import map_workspace
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import MapRequest
@@ -22,18 +21,18 @@ from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
 
 
-def run(folder: Path, *overrides: str) -> Json:
+def run(folder: Path, *overrides: str) -> RunSummary:
     scene = keep_analyses(load_scene(SCENE, variant="lumped", overrides=overrides), ("static", "modal", "map"))
     return summarise(run_scene(scene, folder, comm=MPI.COMM_SELF))
 
 
 @pytest.fixture(scope="module")
-def summary(tmp_path_factory: pytest.TempPathFactory) -> Json:
+def summary(tmp_path_factory: pytest.TempPathFactory) -> RunSummary:
     spans = '{ X = ["-130 mm", "160 mm", 3], Y = ["-380 mm", "390 mm", 4], Z = ["200 mm", "200 mm", 1] }'
     return run(tmp_path_factory.mktemp("map"), f"sweeps.plane.axes={spans}", 'analyses.modal.poses="config_2"')
 
 
-def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: Json) -> None:
+def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: RunSummary) -> None:
     found = summary["map"]
     alone, legs = summary["modal"][0], summary["mechanism"]["config_2"]
     assert found["positions"][0][0] == -0.13 and found["positions"][1][-1] == 0.39 and found["fixed"] == {"Z": 0.2}
@@ -45,7 +44,7 @@ def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: Json) -> Non
         assert found["quantities"][f"stiffness_{axis}_n_per_um"][0][-1] == pytest.approx(1e3 / compliance[place], rel=1e-9)
 
 
-def test_the_first_frequency_falls_as_the_legs_grow(summary: Json) -> None:
+def test_the_first_frequency_falls_as_the_legs_grow(summary: RunSummary) -> None:
     assert summary["map"]["f1_and_mean_leg_correlation"] < -0.95
 
 
@@ -83,7 +82,7 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     assert whole is not None and middle is not None
     for name, values in middle.quantities.items():
         assert np.allclose(whole.quantities[name][:, :, 2], values, rtol=1e-12, atol=0.0)
-    found = summarise_map(whole)
+    found = whole.summarise()
     layers = map_layers(found)
     assert [layer["place"] for layer in layers] == [0, 2, 4] and layers[1]["title"] == "Z = 200 mm"
     assert 'id="map_f1_hz_2"' in str(draw_map(found, "f1_hz", 2))

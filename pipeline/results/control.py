@@ -1,0 +1,164 @@
+"""Loops of drives closed around the machine, as results: poles, and the figures of each drive."""
+
+from dataclasses import dataclass
+from typing import NotRequired, TypedDict
+
+from headstock.pipeline.results.answers import Answer
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.margins import LoopMargins
+
+UM = 1e6
+
+
+class PoleSummary(TypedDict):
+    """The entry of a pole."""
+
+    frequency_hz: float
+    damping_ratio: float
+    real: float
+    imag: float
+    drive: str
+    name: str
+
+
+class MarginsSummary(TypedDict):
+    """Margins of a drive, as in ``LoopMargins``."""
+
+    gain: float | None
+    gain_hz: float | None
+    lowest_gain: float | None
+    phase_deg: float | None
+    phase_hz: float | None
+    sensitivity: float
+    sensitivity_hz: float
+    bandwidth_hz: float | None
+    resonance: float
+
+
+class DriveSummary(TypedDict):
+    """The entry of a drive; without lag and margins in an unstable loop, where they mean nothing."""
+
+    axis: str
+    encoder: str
+    kv_per_s: float
+    velocity_gain_n_s_per_m: float
+    dead_time_s: float
+    motor_mass_kg: float
+    velocity_lag_um: float | None
+    margins: MarginsSummary | None
+
+
+class ControlSummary(TypedDict):
+    """The entry of a pose in ``control``."""
+
+    up_to_hz: float
+    speed_m_per_s: float
+    stable: bool
+    poles: list[PoleSummary]
+    drives: dict[str, DriveSummary]
+    verdict: NotRequired[str]
+
+
+@dataclass(frozen=True)
+class ClosedLoopPole:
+    """A pole of the closed loops.
+
+    Attributes:
+        pole: [rad/s].
+        frequency_hz: Of its oscillation [Hz]; zero without any.
+        damping_ratio: Negative where it grows.
+        drive: That moves most in it.
+        name: Of the motion.
+    """
+
+    pole: complex
+    frequency_hz: float
+    damping_ratio: float
+    drive: str
+    name: str
+
+    def summarise(self) -> PoleSummary:
+        """As it stands in ``summary.json``."""
+        return {
+            "frequency_hz": self.frequency_hz,
+            "damping_ratio": self.damping_ratio,
+            "real": self.pole.real,
+            "imag": self.pole.imag,
+            "drive": self.drive,
+            "name": self.name,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoopDrive:
+    """A drive in its closed loop.
+
+    Attributes:
+        train: Of motor, screw and table.
+        margins: Of its loop.
+        velocity_lag: Behind a set point of constant speed [m].
+    """
+
+    train: DriveTrain
+    margins: LoopMargins
+    velocity_lag: float
+
+    def summarise(self, *, stable: bool) -> DriveSummary:
+        """As it stands in ``summary.json``; ``stable`` says that lag and margins mean something."""
+        train, margins, control = self.train, self.margins, self.train.control
+        return {
+            "axis": train.axis,
+            "encoder": control.encoder,
+            "kv_per_s": control.position_gain,
+            "velocity_gain_n_s_per_m": control.velocity_gain,
+            "dead_time_s": control.dead_time,
+            "motor_mass_kg": train.motor_mass + train.screw_mass,
+            "velocity_lag_um": self.velocity_lag * UM if stable else None,
+            "margins": {
+                "gain": margins.gain,
+                "gain_hz": margins.gain_hz,
+                "lowest_gain": margins.lowest_gain,
+                "phase_deg": margins.phase_deg,
+                "phase_hz": margins.phase_hz,
+                "sensitivity": margins.sensitivity,
+                "sensitivity_hz": margins.sensitivity_hz,
+                "bandwidth_hz": margins.bandwidth_hz,
+                "resonance": margins.resonance,
+            }
+            if stable
+            else None,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ControlAnswer(Answer):
+    """Closed loops in a pose.
+
+    Attributes:
+        pose: Its name.
+        up_to_hz: Poles are listed up to here [Hz].
+        speed: Of the set point that axes lag behind [m/s].
+        poles: Those, and all that grow.
+        drives: All of them.
+        verdict: Why the loops are unstable, in plain words; empty when they are not.
+    """
+
+    pose: str
+    up_to_hz: float
+    speed: float
+    poles: tuple[ClosedLoopPole, ...]
+    drives: tuple[ClosedLoopDrive, ...]
+    verdict: str = ""
+
+    def summarise(self) -> ControlSummary:
+        """As it stands in ``summary.json``."""
+        summary: ControlSummary = {
+            "up_to_hz": self.up_to_hz,
+            "speed_m_per_s": self.speed,
+            "stable": not self.verdict,
+            "poles": [pole.summarise() for pole in self.poles],
+            "drives": {drive.train.name: drive.summarise(stable=not self.verdict) for drive in self.drives},
+        }
+        if self.verdict:
+            summary["verdict"] = self.verdict
+        return summary

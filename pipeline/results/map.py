@@ -1,0 +1,71 @@
+"""A map over the poses of a lumped mechanism as a result: quantities on a grid of poses."""
+
+from dataclasses import dataclass
+from typing import TypedDict
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
+from headstock.pipeline.results.answers import Answer
+from headstock.pipeline.storage.json_texts import check_finite
+
+type Grid = list[Grid | float | None]  # an axis of the map at each depth
+
+
+class MapSummary(TypedDict):
+    """The entry ``map``; quantities are null where a pose cannot be taken."""
+
+    axes: list[str]
+    units: dict[str, str]
+    positions: list[list[float]]
+    fixed: dict[str, float]
+    least_likeness: float
+    crossings: list[tuple[int, int]]
+    torn: int
+    f1_and_mean_leg_correlation: float
+    quantities: dict[str, Grid]
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceMap(Answer):
+    """Quantities over a grid of poses.
+
+    Attributes:
+        axes: Names of the two or three axes of the grid.
+        positions: Their positions [m, rad].
+        fixed: Positions of the other axes.
+        quantities: Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken. ``f1_hz`` is one mode, followed by its shape,
+            the one with the lowest median.
+        likeness: Least squared cosine between modes of the same number in neighbouring poses; 1 is the same shape.
+        crossings: Numbers of modes whose order changes somewhere.
+        torn: How many pairs of neighbours hold a mode in shapes that do not look alike.
+        trend: Correlation of the first frequency with the mean leg length.
+    """
+
+    axes: tuple[str, ...]
+    positions: tuple[FloatArray, ...]
+    fixed: dict[str, float]
+    quantities: dict[str, FloatArray]
+    likeness: float
+    crossings: tuple[tuple[int, int], ...]
+    torn: int
+    trend: float
+
+    def summarise(self) -> MapSummary:
+        """As it stands in ``summary.json``."""
+        return {
+            "axes": list(self.axes),
+            "units": {axis: "m" if axis in TOOL_POINT else "rad" for axis in (*self.axes, *self.fixed)},
+            "positions": [check_finite("positions of the map", values) for values in self.positions],
+            "fixed": self.fixed,
+            "least_likeness": self.likeness,
+            "crossings": list(self.crossings),
+            "torn": self.torn,
+            "f1_and_mean_leg_correlation": self.trend,
+            "quantities": {name: _nest(values) for name, values in self.quantities.items()},
+        }
+
+
+def _nest(values: FloatArray) -> Grid:
+    return [_nest(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values]
