@@ -17,11 +17,6 @@ ASK = {
     '_headstock_completion "${{COMP_WORDS[0]}}"; printf "%s\\n" "${{COMPREPLY[@]}}"',
     "fish": "source ./completion; complete --do-complete {line}",
 }
-# the questions of fish's script and what it makes of the answers, for machines without fish
-LIKE_FISH = (
-    "env COMP_WORDS={line} COMP_CWORD={word} _HEADSTOCK_COMPLETE=complete_fish ./headstock | while IFS=, read -r kind value; do "
-    'case $kind in plain) echo "$value" ;; file) ls -d {word}* ;; esac; done'
-)
 
 
 @pytest.fixture
@@ -37,13 +32,10 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
     """What a shell offers for the last word."""
     (folder / "completion").write_text(SCRIPTS[shell])
     quoted = " ".join(f"'{word}'" for word in words)
-    there = shutil.which(shell) is not None
-    asked = ASK[shell] if there or shell == "bash" else LIKE_FISH
-    line = asked.format(words=quoted, last=len(words) - 1, line=f"'{' '.join(words)}'", word=f"'{words[-1]}'")
-    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(
-        [shell if there else "sh", "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False
-    )
+    line = ASK[shell].format(words=quoted, last=len(words) - 1, line=f"'{' '.join(words)}'")
+    # fish keeps its settings in a home of its own
+    variables = {**os.environ, "HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run([shell, "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     # what follows a tab describes the word
     return [word for text in done.stdout.splitlines() for word in text.split("\t")[0].split()]
@@ -51,6 +43,8 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
 
 @pytest.mark.parametrize("shell", ASK)
 def test_commands_options_names_and_files_are_completed(shell: str, folder: Path) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"there is no {shell} here; the private root has one (environment/packages.txt)")
     (folder / "scene.toml").touch()
     assert ask(shell, folder, "./headstock", "comp") == ["compare", "completion"]
     assert "--variant" in ask(shell, folder, "./headstock", "run", "--v")

@@ -65,13 +65,13 @@ def test_fifty_levels_are_read_and_more_are_refused(tmp_path: Path) -> None:
         "hex",
     ],
 )
-def test_a_hostile_text_is_refused_within_a_second(tmp_path: Path, text: str) -> None:
+def test_a_hostile_text_is_refused_within_a_second_of_processor_time(tmp_path: Path, text: str) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(text)
-    start = time.perf_counter()
+    start = time.process_time()  # of this process alone: others may be busy
     with pytest.raises(SceneError):
         read(path)
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 @pytest.mark.parametrize(
