@@ -727,7 +727,8 @@ def test_with_ranks_each_gets_one_thread_and_a_failing_rank_ends_the_job(tmp_pat
         "comm.barrier()\n"
     )
     done = direct(folder, "run", "--ranks", "2")
-    assert done.stdout.split("\n")[:2] == ["2 1", "2 1"]
+    # Open MPI's mpirun itself writes a zero byte now and then
+    assert done.stdout.replace("\0", "").split("\n")[:2] == ["2 1", "2 1"]
     assert done.returncode == 3
 
 
