@@ -2,13 +2,15 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.results.estimates import Estimate, scale_shares
+from headstock.pipeline.results.estimates import Estimate, FrequencyErrors, scale_shares
 from headstock.pipeline.results.static import UM_PER_KN
-from headstock.pipeline.storage.json_texts import Json, check_finite, null_open
+from headstock.pipeline.storage.json_texts import check_finite, null_open
+from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink
 from headstock.solvers.linear.mode_pairing import SAME_MODE, ModeSet, pair_modes
@@ -150,7 +152,92 @@ def _enter_cells(family: _Family, name: str, modes: ModeSet, numbers: list[int],
     return ModeSet(modes.frequencies_hz[kept], shapes, rigid_left), [numbers[i] for i in kept]
 
 
-def summarise_comparison(comparison: Comparison) -> Json:
+class CellSummary(TypedDict):
+    """A mode of one variant in its row."""
+
+    number: int
+    frequency_hz: float
+    error_hz: float | None
+    deviation: float | None
+    mac: float | None
+
+
+class RowSummary(TypedDict):
+    """One mode throughout the variants; None where a variant has not got it."""
+
+    name: str
+    origin: str
+    variants: dict[str, CellSummary | None]
+
+
+class LinkSummary(TypedDict):
+    """What gives most at a point in a direction."""
+
+    name: str
+    share: float
+    change_if_doubled: float
+
+
+class VariantPointSummary(TypedDict):
+    """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and links."""
+
+    compliance_um_per_kN: list[list[float | None]]
+    compliance_6x6: list[list[float | None]]
+    error_um_per_kN: dict[str, float | None]
+    error_share: dict[str, dict[str, float | None]]
+    error_left_out: list[str]
+    budget: dict[str, dict[str, float]]
+    weak_link: dict[str, LinkSummary | None]
+
+
+class EffortSummary(TypedDict):
+    """What a model cost, by step and in ``total`` [s], and how many of its components came from the store."""
+
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    import_seconds: float
+    elastic_components: int
+    from_store: int
+
+
+class VariantSummary(FrequencyErrors):
+    """A column of a comparison; lists have an item per mode that was asked for."""
+
+    variant: str | None
+    overrides: list[str]
+    fidelity: dict[str, str]
+    full_dofs: int
+    reduced_dofs: int
+    coupled_dofs: int
+    frequencies_hz: list[float]
+    error_hz: list[float | None]
+    mode_names: list[str]
+    static: dict[str, VariantPointSummary]
+    effort: EffortSummary
+    failures: list[str]
+
+
+class EffortsSummary(TypedDict):
+    """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after it."""
+
+    change: list[str]
+    variants: dict[str, dict[str, EffortSummary]]
+
+
+class ComparisonSummary(TypedDict):
+    """The content of ``compare.json``."""
+
+    scene: str
+    pose: str
+    reference: str
+    same_from: float
+    modes: list[RowSummary]
+    variants: dict[str, VariantSummary]
+    effort: NotRequired[EffortsSummary]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def summarise_comparison(comparison: Comparison) -> ComparisonSummary:
     """The content of ``compare.json``.
 
     Raises:
@@ -166,8 +253,8 @@ def summarise_comparison(comparison: Comparison) -> Json:
     }
 
 
-def _summarise_row(row: ModeRow, comparison: Comparison) -> Json:
-    cells: Json = dict.fromkeys(comparison.solutions)
+def _summarise_row(row: ModeRow, comparison: Comparison) -> RowSummary:
+    cells: dict[str, CellSummary | None] = dict.fromkeys(comparison.solutions)
     for name, cell in row.cells.items():
         cells[name] = {
             "number": cell.index + 1,
@@ -179,7 +266,7 @@ def _summarise_row(row: ModeRow, comparison: Comparison) -> Json:
     return {"name": row.name, "origin": row.origin, "variants": cells}
 
 
-def _summarise_variant(solution: VariantSolution) -> Json:
+def _summarise_variant(solution: VariantSolution) -> VariantSummary:
     choice, modal, errors = solution.choice, solution.modal, solution.mode_errors[: solution.wanted]
     frequencies = np.zeros(0) if modal is None else modal.frequencies_hz[: solution.wanted]
     return {
@@ -201,7 +288,7 @@ def _summarise_variant(solution: VariantSolution) -> Json:
     }
 
 
-def _summarise_point(name: str, budget: PointBudget, solution: VariantSolution) -> Json:
+def _summarise_point(name: str, budget: PointBudget, solution: VariantSolution) -> VariantPointSummary:
     what = f"static compliance at {name} in variant {solution.choice.name}"
     along = np.diag(budget.compliance)[:3]
     # a free direction has no number, and no error
@@ -226,11 +313,11 @@ def _left_out(errors: Iterable[Estimate]) -> list[str]:
     return sorted({words for error in errors for words in error.left_out})
 
 
-def _summarise_link(link: WeakLink | None) -> Json | None:
+def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
     return None if link is None else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
 
 
-def summarise_effort(effort: Effort) -> Json:
+def summarise_effort(effort: Effort) -> EffortSummary:
     """What it cost to get from the scene to the modes."""
     return {
         "seconds": {step: round(value, 4) for step, value in effort.seconds.items()} | {"total": round(effort.total, 4)},

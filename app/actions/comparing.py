@@ -22,14 +22,14 @@ from headstock.app.terminal.console import print_remarks, warn_of_unused_accurac
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.texts.comparison import comparison_csv
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.comparison import compare_variants, summarise_comparison, summarise_effort
+from headstock.studies.comparison import ComparisonSummary, EffortSummary, compare_variants, summarise_comparison, summarise_effort
 from headstock.studies.variants import VariantChoice, VariantSolution, choose_variants, solve_variant
 
 PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
@@ -71,7 +71,7 @@ def compare_request(request: CompareRequest, comm: MPI.Comm, origin: Provenance 
     folder = request.output or Path("results") / f"{request.scene.path.stem}-compare"
     with claim_output(folder, (JSON_FILE, PAGE_FILE)) if comm.rank == 0 else contextlib.nullcontext():
         summary, solutions = _solve_all(request, choices, comm)
-        if comm.rank == 0:
+        if summary is not None:
             if origin is not None:
                 summary["provenance"] = origin.summarise()
             remarks = _publish(summary, folder, request.json_file)
@@ -121,10 +121,13 @@ def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
     return choices
 
 
-def _solve_all(request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm) -> tuple[Json, list[VariantSolution]]:
+def _solve_all(
+    request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm
+) -> tuple[ComparisonSummary | None, list[VariantSolution]]:
+    """Every variant's solution and what they say side by side; both are on rank 0 only."""
     path = request.scene.path
     solutions: list[VariantSolution] = []
-    efforts: Json = {}
+    efforts: dict[str, dict[str, EffortSummary]] = {}
     for choice in choices:
         with _store(cold=request.effort) as store:
             solution = solve_variant(path, choice, pose=request.pose, comm=comm, store=store)
@@ -138,7 +141,7 @@ def _solve_all(request: CompareRequest, choices: tuple[VariantChoice, ...], comm
             efforts[choice.name] = {name: summarise_effort(run.effort) for name, run in runs.items() if run is not None}
             print_variant(choice.name, efforts[choice.name])
     if not solutions:
-        return {}, []
+        return None, []
     name = load_scene(path).name
     summary = summarise_comparison(compare_variants(solutions, scene=name, reference=request.reference))
     if request.effort:
@@ -164,7 +167,7 @@ def _change(choice: VariantChoice, change: tuple[str, ...], known: tuple[str, ..
     return VariantChoice(choice.name, "+".join([*parts, *joined]) or None, (*choice.overrides, *settings))
 
 
-def _publish(summary: Json, folder: Path, json_file: Path | None) -> list[str]:
+def _publish(summary: ComparisonSummary, folder: Path, json_file: Path | None) -> list[str]:
     """Write every file of a comparison; remarks for the user."""
     figures = {name: encode_png(pixels) for name, pixels in draw_comparison(summary).items()}
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}

@@ -22,13 +22,13 @@ from headstock.app.terminal.sweep import print_sweep, print_sweep_header
 from headstock.app.texts.sweep_quantities import tabulate_sweep
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.results.files import REPORT_FILE
-from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, prepare_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import suggest_names
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
+from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
 from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
 from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
@@ -144,7 +144,9 @@ def _sweep_elsewhere(request: SweepRequest, options: SlurmOptions, comm: MPI.Com
     return sweep_on_slurm(_make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin))
 
 
-def _publish(summary: Json, results: SweepResults, request: SweepRequest, folder: Path, origin: Provenance | None) -> list[str]:
+def _publish(
+    summary: SweepSummary, results: SweepResults, request: SweepRequest, folder: Path, origin: Provenance | None
+) -> list[str]:
     """Write every file of a sweep: results, pictures and the page, and where they come from; remarks for the user."""
     words = None if origin is None else origin.summarise()
     if words is not None:

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, new_figure, read_pixels
-from headstock.app.texts.comparison import alike_rigid_modes, list_points
+from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.app.texts.error_texts import show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.views import COLORS
-from headstock.pipeline.storage.json_texts import Json
+from headstock.studies.comparison import ComparisonSummary
 
 LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
@@ -22,7 +22,7 @@ VARIANT_LENGTH = 14
 MOST_UPRIGHT = 15  # bars whose numbers stand upright beside each other
 
 
-def draw_comparison(summary: Json) -> dict[str, NDArray[np.uint8]]:
+def draw_comparison(summary: ComparisonSummary) -> dict[str, NDArray[np.uint8]]:
     """Figure name to ``(height, width, 4)`` pixels; no figure for what was not computed."""
     figures = {}
     if summary["modes"]:
@@ -33,7 +33,7 @@ def draw_comparison(summary: Json) -> dict[str, NDArray[np.uint8]]:
     return figures
 
 
-def _draw_levels(summary: Json) -> NDArray[np.uint8]:
+def _draw_levels(summary: ComparisonSummary) -> NDArray[np.uint8]:
     names = list(summary["variants"])
     alike = alike_rigid_modes(summary)
     rows = [row for row in summary["modes"] if row not in alike]
@@ -42,12 +42,13 @@ def _draw_levels(summary: Json) -> NDArray[np.uint8]:
     axes = figure.add_subplot()
     for row in alike:
         for x, name in enumerate(names):
-            hz = row["variants"][name]["frequency_hz"]
+            hz = row_frequencies(row)[name]
             axes.plot([x - LEVEL_HALF_WIDTH, x + LEVEL_HALF_WIDTH], [hz, hz], color=FAINT, linewidth=1.0)
-    ends = [((len(names) - 1, _last_hz(alike[-1])), f"{len(alike)} rigid-body modes", INK)] if alike else []
+    ends = [((len(names) - 1, row_frequencies(alike[-1])[names[-1]]), f"{len(alike)} rigid-body modes", INK)] if alike else []
     for number, row in enumerate(rows):
         color = COLORS[number % len(COLORS)]
-        places = [(x, row["variants"][name]["frequency_hz"]) for x, name in enumerate(names) if row["variants"][name] is not None]
+        known = row_frequencies(row)
+        places = [(x, known[name]) for x, name in enumerate(names) if name in known]
         _draw_mode(axes, places, color)
         ends.append((places[-1], row["name"], color))
     axes.set_xticks(range(len(names)), ["\n".join(textwrap.wrap(name, VARIANT_LENGTH)) for name in names])
@@ -57,8 +58,8 @@ def _draw_levels(summary: Json) -> NDArray[np.uint8]:
     calm_axes(axes, grid="y")
     gap = LABEL_INCHES / (height - 1.0) * axes.get_ylim()[1]
     for x, name in enumerate(names):
-        cells = [(row["variants"][name], COLORS[number % len(COLORS)]) for number, row in enumerate(rows)]
-        _write_levels(axes, x, [(cell["frequency_hz"], color) for cell, color in cells if cell is not None], gap)
+        cells = [(row_frequencies(row).get(name), COLORS[number % len(COLORS)]) for number, row in enumerate(rows)]
+        _write_levels(axes, x, [(hz, color) for hz, color in cells if hz is not None], gap)
     _name_levels(axes, ends, len(names) - 0.6, gap)
     return read_pixels(figure)
 
@@ -90,10 +91,6 @@ def _draw_mode(axes: Axes, places: list[tuple[int, float]], color: str) -> None:
         axes.plot([x + LEVEL_HALF_WIDTH, next_x - LEVEL_HALF_WIDTH], [hz, next_hz], style, color=color, linewidth=1.0)
 
 
-def _last_hz(row: Json) -> float:
-    return float(list(row["variants"].values())[-1]["frequency_hz"])
-
-
 def _name_levels(axes: Axes, ends: list[tuple[tuple[int, float], str, str]], right: float, gap: float) -> None:
     """Names beside the last level of each mode, moved apart where they would touch."""
     ordered = sorted(ends, key=lambda end: end[0][1])
@@ -112,7 +109,7 @@ def _name_levels(axes: Axes, ends: list[tuple[tuple[int, float], str, str]], rig
         )
 
 
-def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
+def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> NDArray[np.uint8]:
     variants = summary["variants"]
     width = max(6.0, 1.6 + 0.34 * 3 * len(variants))
     figure = new_figure(width, 2.9 * len(points) + 0.4)
@@ -123,7 +120,7 @@ def _draw_compliances(summary: Json, points: list[str]) -> NDArray[np.uint8]:
         for place, name in enumerate(known):
             matrix = variants[name]["static"][point]["compliance_um_per_kN"]
             # a free direction has no bar
-            values = [np.nan if matrix[i][i] is None else matrix[i][i] for i in range(3)]
+            values = [np.nan if size is None else size for size in (matrix[i][i] for i in range(3))]
             at = [i - 0.4 + bar * (place + 0.5) for i in range(3)]
             bars = axes.bar(at, values, 0.92 * bar, label=name, color=COLORS[place % len(COLORS)])
             crowded = 3 * len(known) > MOST_UPRIGHT

@@ -8,14 +8,14 @@ from headstock.app.texts.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.results.views import COLORS
-from headstock.pipeline.storage.json_texts import Json
+from headstock.studies.sweeps.files import SweepSummary, SweptAxes
 
 PER_ROW = 3
 MANY = 60  # poses that need no markers
 LEGEND_LINES = 20  # beside a chart
 
 
-def draw_sweep(summary: Json) -> dict[str, NDArray[np.uint8]]:
+def draw_sweep(summary: SweepSummary) -> dict[str, NDArray[np.uint8]]:
     """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in its middle planes.
 
     Args:
@@ -35,7 +35,7 @@ def draw_sweep(summary: Json) -> dict[str, NDArray[np.uint8]]:
     }
 
 
-def middle_plane(summary: Json, values: FloatArray, axes: list[int]) -> FloatArray:
+def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> FloatArray:
     """Values ``(n0, n1)`` over two axes of a grid, the others in their middle.
 
     Args:
@@ -48,7 +48,7 @@ def middle_plane(summary: Json, values: FloatArray, axes: list[int]) -> FloatArr
     return np.asarray(table[place])
 
 
-def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> NDArray[np.uint8]:
+def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int]) -> NDArray[np.uint8]:
     rows = -(-len(quantities) // PER_ROW)
     figure = new_figure(12.0, 0.4 + 3.5 * rows)
     positions = np.array(summary["positions"], dtype=float)
@@ -69,7 +69,7 @@ def _draw_maps(summary: Json, quantities: list[Quantity], axes: list[int]) -> ND
     return read_pixels(figure)
 
 
-def _draw_curves(summary: Json, quantities: list[Quantity]) -> NDArray[np.uint8]:
+def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> NDArray[np.uint8]:
     places, label = way_of(summary)
     units = list(dict.fromkeys(quantity.unit for quantity in quantities))
     figure = new_figure(10.0, 0.4 + 3.6 * len(units))
@@ -89,7 +89,7 @@ def _draw_curves(summary: Json, quantities: list[Quantity]) -> NDArray[np.uint8]
     return read_pixels(figure)
 
 
-def way_of(summary: Json) -> tuple[FloatArray, str]:
+def way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
     """Where the poses stand along a sweep ``(n,)``, and what to write below: the axis that moves, or the number of the pose."""
     positions = np.array(summary["positions"], dtype=float)
     moving = [axis for axis in range(positions.shape[1]) if np.ptp(positions[:, axis]) > 0.0]

@@ -1,7 +1,8 @@
 """Sweeps and comparisons, each as one HTML page that works offline; a click on a pose of a sweep shows its modes and compliance."""
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -17,15 +18,18 @@ from headstock.app.texts.comparison import (
 )
 from headstock.app.texts.sweep_quantities import list_quantities, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.scene.studies import SweepKind
+from headstock.studies.comparison import ComparisonSummary
+from headstock.studies.sweeps.files import Numbers, SweepSummary
+from headstock.studies.sweeps.journals import PoseState
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
 COMPARISON_TEMPLATE = "comparison_template.html"
 
 
-def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None) -> str:
+def render_sweep(summary: SweepSummary, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:
@@ -54,7 +58,7 @@ def render_sweep(summary: Json, figures: Mapping[str, bytes], origin: Provenance
     )
 
 
-def _list_errors(summary: Json) -> dict[str, float]:
+def _list_errors(summary: SweepSummary) -> dict[str, float]:
     """Name of a quantity to its largest known error."""
     found: dict[str, float] = {}
     for sample in summary["sampled_errors"]:
@@ -65,8 +69,44 @@ def _list_errors(summary: Json) -> dict[str, float]:
     return found
 
 
-def _page_data(summary: Json) -> Json:
-    """What the script needs, numbers to six digits."""
+class QuantityData(TypedDict):
+    """A quantity over the poses."""
+
+    name: str
+    title: str
+    unit: str
+    values: Numbers
+
+
+class PointData(TypedDict):
+    """Compliance at a point over the poses, and what gives most there."""
+
+    matrix: Numbers
+    direction: Numbers
+    largest: Numbers
+    weakest: list[list[str]]
+    share: Numbers
+
+
+class PageData(TypedDict):
+    """What the script of a sweep's page reads."""
+
+    kind: SweepKind
+    axes: list[str]
+    units: list[str]
+    shape: list[int]
+    labels: list[str]
+    positions: Numbers
+    states: list[PoseState]
+    errors: dict[str, str]
+    modes: list[str]
+    frequencies: Numbers
+    quantities: list[QuantityData]
+    points: dict[str, PointData]
+
+
+def _page_data(summary: SweepSummary) -> PageData:
+    """Numbers to six digits."""
     factors = [SCENE_UNITS[unit] for unit in summary["units"]]
     scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
     return {
@@ -103,13 +143,13 @@ def _page_data(summary: Json) -> Json:
     }
 
 
-def _round(value: object) -> object:
-    if isinstance(value, list):
+def _round(value: Numbers) -> Numbers:
+    if isinstance(value, Sequence):
         return [_round(item) for item in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
-def render_comparison(summary: Json, figures: Mapping[str, bytes]) -> str:
+def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:

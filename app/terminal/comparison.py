@@ -1,5 +1,7 @@
 """Variants side by side as the terminal shows them."""
 
+from collections.abc import Mapping
+
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -11,17 +13,18 @@ from headstock.app.texts.comparison import (
     describe_store,
     list_points,
     read_compliance,
+    row_frequencies,
     variant_error_words,
 )
 from headstock.app.texts.error_texts import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.storage.json_texts import Json
+from headstock.studies.comparison import CellSummary, ComparisonSummary, EffortSummary, VariantSummary
 
 MISSING = "–"
 NAME_WIDTH = 40  # of the first column where there is no terminal
 
 
-def print_variant(name: str, runs: Json) -> None:
+def print_variant(name: str, runs: Mapping[str, EffortSummary]) -> None:
     """One line when a variant is solved: what it cost."""
     parts = []
     for run, effort in runs.items():
@@ -31,7 +34,7 @@ def print_variant(name: str, runs: Json) -> None:
     make_console().print("\n".join(parts), markup=False, soft_wrap=True)
 
 
-def print_comparison(summary: Json) -> None:
+def print_comparison(summary: ComparisonSummary) -> None:
     """The table a designer decides from: modes, compliances, weak links, and what each variant costs."""
     variants = summary["variants"]
     console = make_console()
@@ -42,7 +45,7 @@ def print_comparison(summary: Json) -> None:
         _add_heads(table, "Natural frequencies [Hz]", [_describe_fidelity(variant) for variant in variants.values()])
         alike = alike_rigid_modes(summary)
         if alike:
-            spans = [[row["variants"][name]["frequency_hz"] for row in alike] for name in variants]
+            spans = [[row_frequencies(row)[name] for row in alike] for name in variants]
             _add_cells(table, f"{len(alike)} rigid-body modes, alike", [f"{min(span):.4g} .. {max(span):.4g}" for span in spans])
         for row in (row for row in summary["modes"] if row not in alike):
             origin = "" if row["origin"] == summary["reference"] else f" (first in {row['origin']})"
@@ -62,7 +65,7 @@ def print_comparison(summary: Json) -> None:
     _print_notes(console, summary)
 
 
-def _print_notes(console: Console, summary: Json) -> None:
+def _print_notes(console: Console, summary: ComparisonSummary) -> None:
     imports = sum(variant["effort"]["import_seconds"] for variant in summary["variants"].values())
     apart = f"; loading the finite element library ({imports:.2f} s) is not counted" if imports else ""
     text = (
@@ -77,7 +80,7 @@ def _print_notes(console: Console, summary: Json) -> None:
             console.print(f"failed: {name}: {failure}", style="bold red", markup=False)
 
 
-def print_effort(summary: Json) -> None:
+def print_effort(summary: ComparisonSummary) -> None:
     """What the first model and a changed one cost, where that was measured from an empty store."""
     if "effort" not in summary:
         return
@@ -102,7 +105,7 @@ def _add_cells(table: Table, head: str, cells: list[str]) -> None:
     table.add_row(Text(head), *(Text(cell) for cell in cells))
 
 
-def _add_point(table: Table, summary: Json, point: str) -> None:
+def _add_point(table: Table, summary: ComparisonSummary, point: str) -> None:
     variants = summary["variants"]
     table.add_section()
     _add_heads(table, f"Compliance at {point} [µm/kN]", [""] * len(variants))
@@ -116,8 +119,9 @@ def _add_point(table: Table, summary: Json, point: str) -> None:
             errors = variant["static"][point]["error_um_per_kN"]
             cells.append(f"{_with_error(value, errors[direction])}{_percent(value, first)}")
         _add_cells(table, f"d{direction}/F{direction}", cells)
+    found = [variant["static"].get(point) for variant in variants.values()]
     for direction in DIRECTIONS:
-        links = [(variant["static"].get(point) or {}).get("weak_link", {}).get(direction) for variant in variants.values()]
+        links = [place["weak_link"].get(direction) if place else None for place in found]
         if not any(links):
             continue
         _add_cells(
@@ -131,7 +135,7 @@ def _with_error(value: float, error: float | None) -> str:
     return f"{show_bounded(value, error)} {show_bound(value, error)}"
 
 
-def _mode_cell(cell: Json | None, variant: Json) -> str:
+def _mode_cell(cell: CellSummary | None, variant: VariantSummary) -> str:
     if cell is None:
         return MISSING
     hz, elastic = cell["frequency_hz"], cell["number"] > variant["rigid_count"]
@@ -148,19 +152,19 @@ def _percent(value: float, first: float | None) -> str:
     return f"\n{100 * (value / first - 1.0):+.1f} %"
 
 
-def _largest_deviation(summary: Json, name: str) -> str:
+def _largest_deviation(summary: ComparisonSummary, name: str) -> str:
     cells = [row["variants"][name] for row in summary["modes"]]
     found = [cell["deviation"] for cell in cells if cell is not None and cell["deviation"] is not None]
     return f"{100 * max(found, key=abs):+.1f} %" if found else MISSING
 
 
-def _missed_and_added(summary: Json, name: str) -> str:
+def _missed_and_added(summary: ComparisonSummary, name: str) -> str:
     if name == summary["reference"]:
         return MISSING
     cells = [(row["origin"] == summary["reference"], row["variants"][name] is not None) for row in summary["modes"]]
     return f"{sum(mine and not there for mine, there in cells)}, {sum(there and not mine for mine, there in cells)}"
 
 
-def _describe_fidelity(variant: Json) -> str:
+def _describe_fidelity(variant: VariantSummary) -> str:
     kinds = list(variant["fidelity"].values())
     return "\n".join(f"{kinds.count(kind)} {kind}" for kind in ("elastic", "superelement", "segmented", "rigid") if kind in kinds)

@@ -9,8 +9,8 @@ from headstock.app.terminal.console import add_row, counted, make_console, make_
 from headstock.app.texts.error_texts import show_bound
 from headstock.app.texts.sweep_quantities import sampled_error_words
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.storage.json_texts import Json
 from headstock.scene.studies import describe_positions, moving_axes
+from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
 from headstock.studies.sweeps.results import SweepResults
 from headstock.studies.sweeps.runs import SweepJob
 
@@ -30,7 +30,7 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
     )
 
 
-def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
+def print_sweep(summary: SweepSummary, results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
     """Ranges of every quantity and where they lie.
 
     Args:
@@ -50,9 +50,8 @@ def print_sweep(summary: Json, results: SweepResults, *, computed: int, seconds:
             f"modes {one} and {other} cross between {counted(crossing['between_neighbours'], 'pair')} of neighbouring poses"
         )
     for name, point in summary["static"].items():
-        errors: Json = next(
-            (sample["error_um_per_kN"][name] for sample in summary["sampled_errors"] if sample["error_um_per_kN"]), {}
-        )
+        samples = [sample["error_um_per_kN"] for sample in summary["sampled_errors"] if sample["error_um_per_kN"]]
+        errors = samples[0][name] if samples else {}
         print_table(console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors))
     for words in sampled_error_words(summary):
         console.print(words, markup=False)
@@ -73,7 +72,7 @@ def _describe_poses(total: int, computed: int) -> str:
     return f"{counted(computed, 'pose')} computed, {found}" if computed else found
 
 
-def _mode_table(summary: Json, results: SweepResults) -> Table:
+def _mode_table(summary: SweepSummary, results: SweepResults) -> Table:
     errors = {int(mode): size for sample in summary["sampled_errors"] for mode, size in sample["error_hz"].items()}
     known = any(size is not None for size in errors.values())
     table = make_table(">no.", ">lowest", "<at", ">highest", "<at", *(["<± Hz"] if known else []), ">poses", ">least MAC", "mode")
@@ -92,7 +91,7 @@ def _mode_table(summary: Json, results: SweepResults) -> Table:
     return table
 
 
-def _point_table(point: Json, results: SweepResults, errors: Mapping[str, float | None]) -> Table:
+def _point_table(point: PointMapSummary, results: SweepResults, errors: Mapping[str, float | None]) -> Table:
     known = any(size is not None for size in errors.values())
     table = make_table("", ">lowest", "<at", ">highest", "<at", *(["<±"] if known else []))
     matrix = np.array(point["compliance_um_per_kN"], dtype=float)

@@ -3,14 +3,14 @@
 from headstock.app.texts.error_texts import bound_size, error_words, largest_shares, show_size
 from headstock.app.texts.tables import PlainTable, encode_csv
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.storage.json_texts import Json
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
+from headstock.studies.comparison import CellSummary, ComparisonSummary, EffortSummary, RowSummary
 
 ALIKE = 0.9  # MAC from which rigid-body modes of variants are told in one line
 STEP_NAMES = {"load": "scene", "components": "components", "couple": "coupling", "modes": "modes"}
 
 
-def describe_store(effort: Json) -> str:
+def describe_store(effort: EffortSummary) -> str:
     """Where the elastic components came from."""
     if not effort["elastic_components"]:
         return "nothing meshed"
@@ -20,7 +20,7 @@ def describe_store(effort: Json) -> str:
     return "from the store" if every else f"{effort['from_store']} of {effort['elastic_components']} from the store"
 
 
-def variant_error_words(summary: Json) -> list[str]:
+def variant_error_words(summary: ComparisonSummary) -> list[str]:
     """Where the errors of the variants' numbers come from and what is not in them; once for variants that share the words."""
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
@@ -30,18 +30,26 @@ def variant_error_words(summary: Json) -> list[str]:
     return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
 
 
-def alike_rigid_modes(summary: Json) -> list[Json]:
+def alike_rigid_modes(summary: ComparisonSummary) -> list[RowSummary]:
     """Rows in which the machine moves as one body, much the same in every variant: one line is enough for all of them."""
-    rows = [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and None not in row["variants"].values()]
-    return [row for row in rows if all(cell["mac"] is None or cell["mac"] >= ALIKE for cell in row["variants"].values())]
+    return [row for row in summary["modes"] if WHOLE_MACHINE in row["name"] and all(map(_is_alike, row["variants"].values()))]
 
 
-def list_points(summary: Json) -> list[str]:
+def _is_alike(cell: CellSummary | None) -> bool:
+    return cell is not None and (cell["mac"] is None or cell["mac"] >= ALIKE)
+
+
+def row_frequencies(row: RowSummary) -> dict[str, float]:
+    """Frequency of a mode in each variant that has it [Hz]."""
+    return {name: cell["frequency_hz"] for name, cell in row["variants"].items() if cell is not None}
+
+
+def list_points(summary: ComparisonSummary) -> list[str]:
     """Points at which a variant has a compliance, in their order."""
     return list(dict.fromkeys(point for variant in summary["variants"].values() for point in variant["static"]))
 
 
-def read_compliance(summary: Json, name: str, point: str, row: int, column: int) -> float | None:
+def read_compliance(summary: ComparisonSummary, name: str, point: str, row: int, column: int) -> float | None:
     """Entry of the compliance matrix of a variant at a point [µm/kN]; None where it has no such point, or moves freely.
 
     Args:
@@ -52,13 +60,10 @@ def read_compliance(summary: Json, name: str, point: str, row: int, column: int)
         column: Direction of the force, 0 to 2.
     """
     found = summary["variants"][name]["static"].get(point)
-    if found is None:
-        return None
-    value: float | None = found["compliance_um_per_kN"][row][column]
-    return value
+    return None if found is None else found["compliance_um_per_kN"][row][column]
 
 
-def comparison_csv(summary: Json) -> dict[str, bytes]:
+def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
     """File stem to CSV: modes, compliances and variants, unrounded."""
     names = list(summary["variants"])
     labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
@@ -80,7 +85,6 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
             for i, a in enumerate(DIRECTIONS)
         ),
     )
-    keys = ("full_dofs", "reduced_dofs", "coupled_dofs")
     costs = PlainTable(
         "variants",
         (
@@ -95,7 +99,9 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
         tuple(
             (
                 name,
-                *(variant[key] for key in keys),
+                variant["full_dofs"],
+                variant["reduced_dofs"],
+                variant["coupled_dofs"],
                 *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
                 variant["effort"]["cpu_seconds"]["total"],
                 describe_store(variant["effort"]),
@@ -106,13 +112,13 @@ def comparison_csv(summary: Json) -> dict[str, bytes]:
     return {table.name: encode_csv(table) for table in (modes, compliances, costs)}
 
 
-def _list_cell(cell: Json | None) -> tuple[float | None, ...]:
+def _list_cell(cell: CellSummary | None) -> tuple[float | None, ...]:
     if cell is None:
         return (None,) * 5
     return cell["number"], cell["frequency_hz"], bound_size(cell["frequency_hz"], cell["error_hz"]), cell["deviation"], cell["mac"]
 
 
-def _list_entry(summary: Json, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
+def _list_entry(summary: ComparisonSummary, name: str, point: str, row: int, column: int) -> tuple[float | None, float | None]:
     value = read_compliance(summary, name, point, row, column)
     if value is None or row != column:
         return value, None

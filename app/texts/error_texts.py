@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
 from headstock.pipeline.results.accuracy import AccuracySummary
-from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION, FrequencyErrors
 from headstock.pipeline.results.frf import ResponseSummary
-from headstock.pipeline.results.modal import ModesSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
@@ -163,14 +162,14 @@ def show_span(span: Sequence[float] | None) -> str:
     return "-" if span is None else f"{span[0]:.4g} .. {span[1]:.4g}"
 
 
-def largest_shares(modes: ModesSummary) -> dict[str, float]:
+def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
     """Largest part [Hz] of each source over the elastic modes of a pose."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     sources = dict.fromkeys(source for share in shares for source in share)
     return {source: max((share[source] or 0.0 for share in shares if source in share), default=0.0) for source in sources}
 
 
-def error_words(modes: ModesSummary) -> list[str]:
+def error_words(modes: FrequencyErrors) -> list[str]:
     """What is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     words = []

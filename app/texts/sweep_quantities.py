@@ -7,7 +7,7 @@ import numpy as np
 from headstock.app.texts.tables import PlainTable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.storage.json_texts import Json
+from headstock.studies.sweeps.files import SweepSummary
 
 FIGURE_TITLES = {
     "softest_N_per_um": ("smallest dynamic stiffness", "N/µm"),
@@ -33,7 +33,7 @@ class Quantity:
     values: FloatArray
 
 
-def list_quantities(summary: Json) -> list[Quantity]:
+def list_quantities(summary: SweepSummary) -> list[Quantity]:
     """Frequencies of tracked modes, compliances, condition number and figures of frequency responses."""
     found = [Quantity(f"mode_{number}", f"mode {number}", "Hz", values) for number, values in enumerate(_columns(summary), start=1)]
     for point, entry in summary["static"].items():
@@ -42,7 +42,7 @@ def list_quantities(summary: Json) -> list[Quantity]:
             Quantity(f"compliance_{point}_{axis}", f"compliance {axis} at {point}", "µm/kN", matrix[:, place, place])
             for place, axis in enumerate("xyz")
         ]
-        largest, ratio = (np.array(entry[key], dtype=float) for key in ("largest_um_per_kN", "ratio"))
+        largest, ratio = (np.array(values, dtype=float) for values in (entry["largest_um_per_kN"], entry["ratio"]))
         found.append(Quantity(f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest))
         found.append(Quantity(f"compliance_{point}_ratio", f"largest over smallest compliance at {point}", "", ratio))
     if summary["condition_number"] is not None:
@@ -55,10 +55,10 @@ def list_quantities(summary: Json) -> list[Quantity]:
     return found
 
 
-def tabulate_sweep(summary: Json) -> PlainTable:
+def tabulate_sweep(summary: SweepSummary) -> PlainTable:
     """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and what gives most at each point."""
     quantities = list_quantities(summary)
-    labels = summary["labels"] or [None] * len(summary["positions"])
+    labels = summary["labels"] or [""] * len(summary["positions"])
     axes = [f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)]
     names = [f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name for quantity in quantities]
     weakest = [(f"weakest {axis} at {name}", point["weakest"]) for name, point in summary["static"].items() for axis in "xyz"]
@@ -66,17 +66,17 @@ def tabulate_sweep(summary: Json) -> PlainTable:
     for number, (positions, label, state) in enumerate(zip(summary["positions"], labels, summary["states"], strict=True)):
         values = [float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None for quantity in quantities]
         links = [links[number][place % 3] or None for place, (_, links) in enumerate(weakest)]
-        rows.append((number + 1, label, *positions, state, *values, *links, summary["errors"].get(str(number))))
+        rows.append((number + 1, label or None, *positions, state, *values, *links, summary["errors"].get(str(number))))
     heads = ("pose", "name", *axes, "state", *names, *(heading for heading, _ in weakest), "error")
     return PlainTable("sweep", heads, tuple(rows))
 
 
-def _columns(summary: Json) -> list[FloatArray]:
+def _columns(summary: SweepSummary) -> list[FloatArray]:
     table = np.array(summary["frequencies_hz"], dtype=float)
     return list(table.T) if table.ndim == 2 else []
 
 
-def sampled_error_words(summary: Json) -> list[str]:
+def sampled_error_words(summary: SweepSummary) -> list[str]:
     """In which poses errors were estimated, and what is not in them; empty where there are none."""
     words = []
     for sample in summary["sampled_errors"]:

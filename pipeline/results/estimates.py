@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NotRequired, TypedDict
 
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
@@ -27,6 +28,15 @@ class Estimate:
         """Sum of the shares: errors of one sign may add up. None where one of them has no bound, or nothing was estimated."""
         sizes = [size for size in self.shares.values() if size is not None]
         return sum(sizes) if sizes and len(sizes) == len(self.shares) else None
+
+
+class FrequencyErrors(TypedDict):
+    """What summaries say of the errors of natural frequencies, rigid-body modes first: by mode and source [Hz]."""
+
+    rigid_count: int
+    error_share: list[dict[str, float | None]]
+    error_left_out: list[str]
+    interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
 
 
 def combine_estimates(parts: Sequence[Estimate]) -> Estimate:

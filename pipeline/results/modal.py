@@ -1,7 +1,7 @@
 """Natural modes as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NotRequired, TypedDict
+from typing import ClassVar
 
 import h5py
 import numpy as np
@@ -9,22 +9,19 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.results.answers import Answer
-from headstock.pipeline.results.estimates import Estimate, scale_parts
+from headstock.pipeline.results.estimates import Estimate, FrequencyErrors, scale_parts
 from headstock.pipeline.storage.json_texts import check_finite
 
 
-class ModesSummary(TypedDict):
+class ModesSummary(FrequencyErrors):
     """The entry of a pose in ``modal``; lists have an item per mode."""
 
     pose_name: str
     pose: dict[str, float]
     pose_units: dict[str, str]
     frequencies_hz: list[float]
-    rigid_count: int
     error_hz: list[float | None]
-    error_share: list[dict[str, float | None]]
     error_parts: list[dict[str, dict[str, float]]]
-    error_left_out: list[str]
     damping_ratio: list[float | None]
     damping_error: list[float | None]
     damped_hz: list[float | None]
@@ -32,7 +29,6 @@ class ModesSummary(TypedDict):
     mode_names: list[str]
     energy_share: list[dict[str, float]]
     kinetic_share: list[dict[str, float]]
-    interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
 
 
 @dataclass(frozen=True, eq=False)

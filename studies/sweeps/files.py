@@ -1,22 +1,27 @@
 """The one file of a sweep's results, ``sweep.h5``: the same bytes however often the sweep was interrupted."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.files import mark_units
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.outputs import write_output
-from headstock.studies.sweeps.journals import FIGURES
+from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.scene.studies import SweepKind
+from headstock.studies.sweeps.journals import FIGURES, PoseState
 from headstock.studies.sweeps.results import PointMap, SampledErrors, SweepResults
+
+type Numbers = float | None | Sequence[Numbers]  # nested like the dimensions of an array, None for NaN
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1
-UM_PER_KN, N_PER_UM = 1e9, 1e-6
+N_PER_UM = 1e-6
 # pattern of the path of a data set to its unit
 UNITS = {
     r"axes|units|states|errors|shape|modal/tracked/(names|index)|static/.*/weakest": "",
@@ -82,7 +87,66 @@ def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -
     return np.char.encode(np.array(words, dtype=str), "utf-8").reshape(shape)
 
 
-def summarise_sweep(results: SweepResults) -> Json:
+class SampleSummary(TypedDict):
+    """Errors in a pose: of modes by their number [Hz], of compliances by point and direction x, y, z."""
+
+    pose: int
+    error_hz: dict[str, float | None]
+    error_um_per_kN: dict[str, dict[str, float | None]]
+    error_left_out: list[str]
+
+
+class CrossingSummary(TypedDict):
+    """Two modes, numbered from 1, and between how many pairs of neighbouring poses they cross."""
+
+    modes: list[int]
+    between_neighbours: int
+
+
+class PointMapSummary(TypedDict):
+    """Compliance at a point; the first dimension of everything is the pose."""
+
+    compliance_um_per_kN: Numbers
+    largest_um_per_kN: Numbers
+    direction: Numbers
+    ratio: Numbers
+    weakest: list[list[str]]
+    weakest_share: Numbers
+
+
+class SweptAxes(TypedDict):
+    """Axes that are set, the unit ``m`` or ``rad`` of each, and its position in every pose."""
+
+    axes: list[str]
+    units: list[str]
+    positions: list[list[float]]
+
+
+class SweepSummary(SweptAxes):
+    """The content of ``sweep.json``; the first dimension of numbers is the pose, errors have its number as key."""
+
+    name: str
+    sweep: str
+    kind: SweepKind
+    status: Literal["done", "failed"]
+    shape: list[int]
+    labels: list[str]
+    states: list[PoseState]
+    errors: dict[str, str]
+    frequencies_hz: Numbers
+    mode_names: list[str]
+    sampled_errors: list[SampleSummary]
+    correlation: Numbers
+    crossings: list[CrossingSummary]
+    torn: int
+    static: dict[str, PointMapSummary]
+    condition_number: Numbers
+    frf: dict[str, dict[str, Numbers]]
+    warnings: list[str]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def summarise_sweep(results: SweepResults) -> SweepSummary:
     """The sweep as JSON: what is printed and drawn; null where there is nothing."""
     sweep = results.sweep
     return {
@@ -94,7 +158,7 @@ def summarise_sweep(results: SweepResults) -> Json:
         "units": list(sweep.units),
         "shape": list(sweep.shape),
         "labels": list(sweep.labels),
-        "positions": sweep.positions.tolist(),
+        "positions": [row.tolist() for row in sweep.positions],
         "states": list(results.states),
         "errors": {str(number): error for number, error in enumerate(results.errors) if error},
         "frequencies_hz": _nulls(results.frequencies_hz),
@@ -110,7 +174,7 @@ def summarise_sweep(results: SweepResults) -> Json:
     }
 
 
-def _summarise_errors(sample: SampledErrors) -> Json:
+def _summarise_errors(sample: SampledErrors) -> SampleSummary:
     every = [*sample.modes.values(), *(error for errors in sample.points.values() for error in errors.values())]
     return {
         "pose": sample.pose,
@@ -123,12 +187,12 @@ def _summarise_errors(sample: SampledErrors) -> Json:
     }
 
 
-def _list_crossings(results: SweepResults) -> list[Json]:
+def _list_crossings(results: SweepResults) -> list[CrossingSummary]:
     found = {} if results.tracked is None else results.tracked.crossings
     return [{"modes": [one + 1, other + 1], "between_neighbours": count} for (one, other), count in found.items()]
 
 
-def _summarise_point(point: PointMap) -> Json:
+def _summarise_point(point: PointMap) -> PointMapSummary:
     return {
         "compliance_um_per_kN": _nulls(UM_PER_KN * point.compliance),
         "largest_um_per_kN": _nulls(UM_PER_KN * point.largest),
@@ -139,14 +203,14 @@ def _summarise_point(point: PointMap) -> Json:
     }
 
 
-def _summarise_figures(values: FloatArray) -> Json:
+def _summarise_figures(values: FloatArray) -> dict[str, Numbers]:
     scales = {"worst_real": UM_PER_KN, "chatter_stiffness": N_PER_UM, "softest": N_PER_UM}
     suffix = {"worst_real": "_um_per_kN", "chatter_stiffness": "_N_per_um", "softest": "_N_per_um"}
     return {name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column]) for column, name in enumerate(FIGURES)}
 
 
-def _nulls(values: FloatArray) -> list[Any]:
-    """Nested lists with None for NaN."""
+def _nulls(values: FloatArray) -> Numbers:
     content = values.astype(object)
     content[~np.isfinite(values)] = None
-    return list(content.tolist())
+    nested: Numbers = content.tolist()
+    return nested

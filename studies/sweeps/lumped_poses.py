@@ -1,8 +1,7 @@
 """What a sweep computes in the poses of a lumped mechanism: many poses at once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,35 +60,41 @@ def solve_lumped_poses(shared: LumpedPoses, poses: list[Pose], positions: FloatA
     tools = [tool_pose(shared.mechanism, pose.positions) for pose in poses]
     survey = survey_tool_poses(shared.mechanism.mounted, np.array([t[0] for t in tools]), np.array([t[1] for t in tools]))
     taken = survey.within & np.isfinite(survey.condition)
-    found = _solve_taken(shared, survey.states[taken]) if taken.any() else []
-    solved = iter(found)
+    solved = iter(_solve_taken(shared, survey.states[taken], positions[taken]) if taken.any() else [])
     results = []
     for number, pose in enumerate(poses):
         if not taken[number]:
             results.append(PoseResult(positions[number], "unreachable", _why_not(shared.mechanism, pose)))
             continue
-        values, errors = {**next(solved), "condition": np.array([survey.condition[number]])}, ""
+        found = replace(next(solved), condition=np.array([survey.condition[number]]))
         if shared.parts.scene.analyses.frf is not None:
             try:
-                values["figures"] = list_figures(place_pose(shared.parts, pose, shared.model, shared.superelements))
+                figures = list_figures(place_pose(shared.parts, pose, shared.model, shared.superelements))
+                found = replace(found, figures=figures)
             except POSE_ERRORS as error:
-                errors = f"frf analysis: {error}"
-        results.append(PoseResult(positions[number], "failed" if errors else "done", errors, **values))
+                found = replace(found, state="failed", error=f"frf analysis: {error}")
+        results.append(found)
     return results
 
 
-def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]]:
+def _solve_taken(shared: LumpedPoses, states: FloatArray, positions: FloatArray) -> list[PoseResult]:
+    """Modes and compliances in poses that the mechanism can take, ``(n, s)`` states and ``(n, k)`` positions."""
     analyses = shared.parts.scene.analyses
     motions = linearise_poses(shared.model, states)
-    found: list[dict[str, Any]] = [{} for _ in states]
+    found = [PoseResult(place) for place in positions]
     if analyses.modal is not None:
         modes = solve_pose_modes(motions)
         # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
         shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
-        for number, values in enumerate(found):
-            wanted = count_wanted(analyses.modal, modes.frequencies_hz[number], 0)
-            values |= {"frequencies_hz": modes.frequencies_hz[number], "wanted": wanted}
-            values["shapes"] = shapes[number].astype(np.float32)
+        found = [
+            replace(
+                result,
+                frequencies_hz=modes.frequencies_hz[number],
+                wanted=count_wanted(analyses.modal, modes.frequencies_hz[number], 0),
+                shapes=shapes[number].astype(np.float32),
+            )
+            for number, result in enumerate(found)
+        ]
     if analyses.static is not None:
         turn = shared.mechanism.mounted.mounting.rotation
         rows = [turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name].tool) for name in analyses.static.at]
@@ -98,8 +103,10 @@ def _solve_taken(shared: LumpedPoses, states: FloatArray) -> list[dict[str, Any]
         stretches = np.swapaxes(np.linalg.solve(motions.total_stiffness[:, None], np.swapaxes(moved, -1, -2)), -1, -2)
         compliance = stretches @ np.swapaxes(moved, -1, -2)
         names, shares = _weakest_parts(shared, states, stretches**2 * motions.stiffness[:, None, None, :])
-        for number, values in enumerate(found):
-            values |= {"compliance": compliance[number], "links": tuple(names[number]), "link_shares": shares[number]}
+        found = [
+            replace(result, compliance=compliance[number], links=tuple(names[number]), link_shares=shares[number])
+            for number, result in enumerate(found)
+        ]
     return found
 
 

@@ -1,8 +1,7 @@
 """What a sweep computes in each pose of a machine of superelements."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from headstock.pipeline.results.mechanism import describe_state
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.matrices import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
@@ -66,16 +65,15 @@ def solve_machine_pose(shared: MachinePoses, pose: Pose, positions: FloatArray) 
         return PoseResult(positions, "unreachable", str(error))
     except POSE_ERRORS as error:
         return PoseResult(positions, "failed", f"coupling: {error}")
-    values = _find_condition(shared, pose)
+    found = PoseResult(positions, condition=_find_condition(shared, pose))
     errors: list[str] = []
-    analyses = shared.parts.scene.analyses
-    for name, solve in (("static", _solve_points), ("modal", _solve_modes), ("frf", _solve_response)):
-        if getattr(analyses, name) is not None:
-            try:
-                values |= solve(shared, coupled, pose)
-            except POSE_ERRORS as error:
-                errors.append(f"{name} analysis: {error}")
-    return PoseResult(positions, "failed" if errors else "done", "; ".join(errors), **values)
+    model = CoupledPose(shared.parts, pose, coupled)
+    for name, add in (("static", _add_points), ("modal", _add_modes), ("frf", _add_response)):
+        try:
+            found = add(model, found)
+        except POSE_ERRORS as error:
+            errors.append(f"{name} analysis: {error}")
+    return replace(found, state="failed" if errors else "done", error="; ".join(errors))
 
 
 def modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
@@ -92,22 +90,25 @@ def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count:
     return wanted
 
 
-def _find_condition(shared: MachinePoses, pose: Pose) -> dict[str, Any]:
+def _find_condition(shared: MachinePoses, pose: Pose) -> FloatArray:
     mechanism = shared.parts.scene.mechanism
     if mechanism is None:
-        return {}
-    return {"condition": np.array([describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)).condition_number])}
+        return np.zeros(0)
+    return np.array([describe_state(mechanism, pose.name, solve_pose(mechanism, pose.positions)).condition_number])
 
 
-def _solve_points(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    request = shared.parts.scene.analyses.static
-    budgets = [point_budget(coupled, name) for name in (() if request is None else request.at)]
+def _add_points(model: CoupledPose, found: PoseResult) -> PoseResult:
+    request = model.parts.scene.analyses.static
+    if request is None:
+        return found
+    budgets = [point_budget(model.coupled, name) for name in request.at]
     links = [_largest_family(budget.shares[direction]) for budget in budgets for direction in DIRECTIONS]
-    return {
-        "compliance": np.array([budget.compliance[:3, :3] for budget in budgets]),
-        "links": tuple(name for name, _ in links),
-        "link_shares": np.array([share for _, share in links]),
-    }
+    return replace(
+        found,
+        compliance=np.array([budget.compliance[:3, :3] for budget in budgets]),
+        links=tuple(name for name, _ in links),
+        link_shares=np.array([share for _, share in links]),
+    )
 
 
 def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
@@ -122,26 +123,27 @@ def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
     return join_names(families[stem]), totals[stem]
 
 
-def _solve_modes(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    request = shared.parts.scene.analyses.modal
+def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
+    request, coupled = model.parts.scene.analyses.modal, model.coupled
     if request is None:
-        return {}
+        return found
     count, limit = modes_to_solve(request)
     modal = solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
     stacked = coupled.basis @ modal.shapes
     for name, place in coupled.offsets.items():
         part = coupled.layout.superelements[name]
         stacked[place] = turn_dofs(part, coupled.placements[name]) @ stacked[place]
-    return {
-        "frequencies_hz": modal.frequencies_hz,
-        "wanted": count_wanted(request, modal.frequencies_hz, modal.rigid_count),
-        "rigid_count": min(modal.rigid_count, len(modal.frequencies_hz)),
-        "shapes": stacked.astype(np.float32),
-    }
+    return replace(
+        found,
+        frequencies_hz=modal.frequencies_hz,
+        wanted=count_wanted(request, modal.frequencies_hz, modal.rigid_count),
+        rigid_count=min(modal.rigid_count, len(modal.frequencies_hz)),
+        shapes=stacked.astype(np.float32),
+    )
 
 
-def _solve_response(shared: MachinePoses, coupled: CoupledMachine, pose: Pose) -> dict[str, Any]:
-    return {"figures": list_figures(CoupledPose(shared.parts, pose, coupled))}
+def _add_response(model: CoupledPose, found: PoseResult) -> PoseResult:
+    return found if model.parts.scene.analyses.frf is None else replace(found, figures=list_figures(model))
 
 
 def list_figures(model: PoseModel) -> FloatArray:

@@ -21,7 +21,7 @@ from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours,
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.mode_tracking import SweptModes, TrackedModes, track_modes, tracked_frequencies
 from headstock.solvers.second_order import Port
-from headstock.studies.sweeps.journals import FIGURES, PoseResult, SingleArray
+from headstock.studies.sweeps.journals import FIGURES, PoseResult, PoseState, SingleArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class SweepResults:
     name: str
     key: str
     sweep: Sweep
-    states: tuple[str, ...]
+    states: tuple[PoseState, ...]
     errors: tuple[str, ...]
     modes: SweptModes | None
     tracked: TrackedModes | None
