@@ -22,12 +22,10 @@ from headstock.pipeline.stages.frf import run_frf_stage
 from headstock.pipeline.stages.machine import run_couple_stage
 from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
-from headstock.pipeline.stages.modal import run_modal_stage
+from headstock.pipeline.stages.modal import run_modal_stage, run_spread_stage
 from headstock.pipeline.stages.path import run_path_stage
-from headstock.pipeline.stages.probes import run_recover_stage
 from headstock.pipeline.stages.run_state import Announcer, Observer, Outcome, ReducedComponent, RunState, run_stage
-from headstock.pipeline.stages.spread import run_spread_stage
-from headstock.pipeline.stages.static import run_static_stage
+from headstock.pipeline.stages.static import run_recover_stage, run_static_stage
 from headstock.pipeline.stages.volume_files import write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions

@@ -15,9 +15,8 @@ from headstock.validation.machines.accuracy_cases import check_beam_accuracy, ch
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
 from headstock.validation.machines.drive_cases import check_friction, check_sampled_control, check_two_masses
 from headstock.validation.machines.estimate_cases import check_frequency_estimates, check_step_estimates
-from headstock.validation.machines.guideway_cases import check_guideway
 from headstock.validation.machines.identification_cases import check_identification
-from headstock.validation.machines.machine_cases import check_three_axis_machine
+from headstock.validation.machines.machine_cases import check_guideway, check_three_axis_machine
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
 from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates, check_response_estimates
 from headstock.validation.mechanisms.contouring_cases import (

@@ -21,7 +21,7 @@ from headstock.validation.references.rows import ValidationRow, rows_as_json
 
 QUANTITY = 38
 NUMBER = 13
-FIGURES_MODULE = "headstock.app.charts.axis_kit"
+FIGURES_MODULE = "headstock.app.charts.ladder"
 
 
 def print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:

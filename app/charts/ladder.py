@@ -1,7 +1,7 @@
-"""The paper's figures drawn from a ladder: deviation over degrees of freedom, and the same over time."""
+"""The figures of Kono et al.: deviations of the beams over degrees of freedom and over time, and of the machine's compliances."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -11,15 +11,19 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import INK, calm_axes, new_figure, read_pixels
+from headstock.pipeline.results.views import COLORS
 from headstock.validation.ladder.points import KINDS, LadderKind, LadderPoint, Rungs, deviations, pick_rungs, worst_by_ndof
 from headstock.validation.ladder.references import Group, LadderBeam
+from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
+from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.references.rows import ValidationRow
 
 Over = Literal["ndof", "time"]
 NDOF: Over = "ndof"
 TIME: Over = "time"
 # the paper's own first, then by pairs of the same order
 PANELS: tuple[LadderKind, ...] = ("wilson8", "tet4", "hex8", "tet10", "hex27")
-COLORS = ("#1f5fa8", "#d9660a", "#2f855a", "#b83280", "#6b46c1", "#64748b")
+KIND_COLORS = ("#1f5fa8", "#d9660a", "#2f855a", "#b83280", "#6b46c1", "#64748b")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 KIND_LABELS: dict[LadderKind, str] = {
     "segmented": "segmented bodies",
@@ -96,7 +100,7 @@ def _draw_figure(panels: Sequence[Rungs], number: int, over: Over) -> NDArray[np
 
 def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> None:
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    for name, color, marker in zip(names, COLORS, MARKERS, strict=False):
+    for name, color, marker in zip(names, KIND_COLORS, MARKERS, strict=False):
         found = deviations(rungs, [name])
         x = [deviation.point.ndof if over == "ndof" else deviation.point.cpu_seconds for deviation in found]
         axes.plot(x, [100.0 * d.value for d in found], color=color, marker=marker, markersize=4.5, linewidth=1.3)
@@ -139,7 +143,7 @@ def _label_decades(axes: Axes) -> None:
 def _handles(names: Sequence[str], *, segmented: bool) -> list[Line2D]:
     lines = [
         Line2D([], [], color=color, marker=marker, markersize=4.5, linewidth=1.3, label=name)
-        for name, color, marker in zip(names, COLORS, MARKERS, strict=False)
+        for name, color, marker in zip(names, KIND_COLORS, MARKERS, strict=False)
     ]
     lines.append(Line2D([], [], color=INK, marker="<", linestyle="none", markerfacecolor="none", label="converged 3D elasticity"))
     if segmented:
@@ -156,7 +160,7 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
     for number, group in enumerate(groups):
         axes = figure.add_subplot(1, len(groups), number + 1)
         names = [name for name, reference in beam.references.items() if reference.group == group]
-        for kind, color, marker in zip(KINDS, COLORS, MARKERS, strict=False):
+        for kind, color, marker in zip(KINDS, KIND_COLORS, MARKERS, strict=False):
             worst = worst_by_ndof(pick_rungs(beam, points, group, kind), names, against="solid")
             if not worst:
                 continue
@@ -174,3 +178,38 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return read_pixels(figure)
+
+
+FIGURE_NAME = "axis_construction_kit_figures_17_18"
+TITLES = {"segmented": "Figure 17: rigid bodies and segments", "elastic": "Figure 18: finite elements"}
+BAR_WIDTH = 0.26
+
+
+def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, NDArray[np.uint8]]:
+    """Figure name to ``(height, width, 4)`` pixels; nothing when the rows hold no such compliances."""
+    found = {row.quantity: row for row in rows if row.case == CASE}
+    if compliance_name(VARIANTS[0], FIDELITIES[0], "z") not in found:
+        return {}
+    figure = new_figure(11.0, 4.6)
+    panels = figure.subplots(1, len(FIDELITIES), sharey=True)
+    for axes, fidelity in zip(panels, FIDELITIES, strict=True):
+        _draw_bars(axes, found, fidelity)
+    panels[0].set_ylabel("deviation from the measured compliance [%]", fontsize=9, color=INK)
+    panels[-1].legend(fontsize=8, frameon=False, loc="upper left")
+    return {FIGURE_NAME: read_pixels(figure)}
+
+
+def _draw_bars(axes: Axes, found: Mapping[str, ValidationRow], fidelity: str) -> None:
+    for number, (axis, measured) in enumerate(MEASURED_COMPLIANCE.items()):
+        values = [100.0 * found[compliance_name(variant, fidelity, axis)].relative_error for variant in VARIANTS]
+        places = np.arange(len(VARIANTS)) + (number - 1) * BAR_WIDTH
+        axes.bar(places, values, BAR_WIDTH, color=COLORS[number], label=f"dz/F{axis}, measured {measured:g} µm/kN")
+        for place, value in zip(places, values, strict=True):
+            offset = (0, 2) if value >= 0.0 else (0, -9)
+            text = f"{round(value):+d}" if round(value) else "0"
+            axes.annotate(text, (float(place), value), offset, textcoords="offset points", ha="center", fontsize=7, color=INK)
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    axes.set_xticks(range(len(VARIANTS)), VARIANTS)
+    axes.set_title(TITLES[fidelity], fontsize=10, color=INK, loc="left")
+    axes.margins(y=0.12)
+    calm_axes(axes, grid="y")

@@ -1,7 +1,8 @@
-"""The path in the report: the line as travelled, its deviation magnified, and the deviation over time with the ramps shaded."""
+"""Paths and contours in the report: the line as travelled, its deviation over time, and the gap and leg forces of a contour."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
@@ -9,6 +10,7 @@ from markupsafe import Markup
 from headstock.app.report import svg
 from headstock.app.texts.tables import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.contouring import ContourSummary
 from headstock.pipeline.results.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_port
 
@@ -152,3 +154,57 @@ def _axes(panel: _Panel, unit: str, side: str) -> Markup:
 def _round(value: float) -> str:
     text = f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
     return text.replace("-", "−") if text.startswith("-") else text
+
+
+CONTOUR_WIDTH, CONTOUR_HEIGHT, CONTOUR_LEFT, CONTOUR_RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
+CONTOUR_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b")
+PICTURES = {"gap": (("x", "y", "z"), "Gap of the tool point, gravity sag subtracted [µm]"),
+            "legs": (("leg 1", "leg 2", "leg 3"), "Force of each leg's drive [N]")}  # fmt: skip
+
+
+def draw_contour(found: ContourSummary, picture: Literal["gap", "legs"]) -> Markup:
+    """One picture of a contour, ``gap`` or ``legs``: a line per column over time."""
+    names, title = PICTURES[picture]
+    times, values = found["series"]["time_s"], found["series"]["gap_um" if picture == "gap" else "leg_force_n"]
+    low, high = min(min(row) for row in values), max(max(row) for row in values)
+    room = 0.05 * ((high - low) or 1.0)
+    low, high = low - room, high + room
+
+    def across(time: float) -> float:
+        return CONTOUR_LEFT + (CONTOUR_WIDTH - CONTOUR_LEFT - CONTOUR_RIGHT) * (time - times[0]) / ((times[-1] - times[0]) or 1.0)
+
+    def up(value: float) -> float:
+        return TOP + (CONTOUR_HEIGHT - TOP - BOTTOM) * (high - value) / (high - low)
+
+    parts = [_faces(found["marks_s"], across, times[-1])]
+    for value in (low + room, 0.0, high - room):
+        if low <= value <= high:
+            parts.append(svg.line(CONTOUR_LEFT, up(value), CONTOUR_WIDTH - CONTOUR_RIGHT, up(value), opacity=0.25))
+            parts.append(
+                svg.text(CONTOUR_LEFT - 5, up(value) + 4, f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}", anchor="end")
+            )
+    for column, color in enumerate(CONTOUR_COLORS):
+        points = " ".join(f"{across(time):.1f},{up(row[column]):.1f}" for time, row in zip(times, values, strict=True))
+        parts.append(Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(points, color))
+        parts.append(svg.text(CONTOUR_LEFT + 470 + 60 * column, 13, names[column], color=color))
+    parts += [
+        svg.text(CONTOUR_LEFT, 13, title),
+        svg.text(CONTOUR_WIDTH - CONTOUR_RIGHT, CONTOUR_HEIGHT - 4, f"{times[-1]:.1f} s", anchor="end"),
+        svg.text(CONTOUR_LEFT, CONTOUR_HEIGHT - 4, "0 s"),
+    ]
+    return svg.picture(parts, identity=f"contour_{picture}", kind="sticks", width=CONTOUR_WIDTH, height=CONTOUR_HEIGHT, label=title)
+
+
+def _faces(marks: Sequence[float], across: Callable[[float], float], last: float) -> Markup:
+    parts = []
+    for face in range(4):
+        if marks[face] < last:
+            start, end = across(marks[face]), across(min(marks[face + 1], last))
+            shade = 0.07 if face % 2 == 0 else 0.0
+            parts.append(
+                Markup('<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>').format(
+                    start, TOP, end - start, CONTOUR_HEIGHT - TOP - BOTTOM, shade
+                )
+            )
+            parts.append(svg.text((start + end) / 2, CONTOUR_HEIGHT - BOTTOM + 13, f"face {face + 1}", anchor="middle"))
+    return Markup("").join(parts)

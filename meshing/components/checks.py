@@ -10,14 +10,15 @@ from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import HollowColumn, MeshFile, StepFile, Tube
 from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
-from headstock.meshing.elements.flat_tets import FlatTets, find_flat_tets
 from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
 from headstock.meshing.elements.second_order import complete_hexes, elevate_tets, is_straight, repair_tets
 from headstock.meshing.elements.surface import (
     PLACES,
+    FlatTets,
     MeshSurface,
     count_parts,
     extract_surface,
+    find_flat_tets,
     gaps_agree,
     match_facets,
     measure_gaps,

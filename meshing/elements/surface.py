@@ -1,4 +1,4 @@
-"""The surface of a mesh: outward boundary facets, connected parts, and how far it lies from the curved faces it stands for."""
+"""The surface of a mesh: outward boundary facets, connected parts, distance to curved faces, and tets that alone fill a wall."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,13 @@ from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, SurfaceGaps
-from headstock.meshing.elements.quality import facet_tables
+from headstock.meshing.elements.quality import facet_tables, scaled_jacobians
 from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
 
 PLACES = 3  # places along each side of a facet: gaps of second-order facets are of the fourth degree
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must tell to
+FACING = 0.5  # cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,3 +139,58 @@ def gaps_agree(gaps: SurfaceGaps, volume: float, cad_volume: float) -> bool:
     """
     missing = cad_volume - volume
     return bool(abs(float(gaps.volumes.sum()) - missing) <= TRUSTED * np.abs(gaps.volumes).sum() + 1e-7 * cad_volume)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatTets:
+    """Tetrahedra that alone fill a wall.
+
+    Attributes:
+        cells: ``(n,)`` which cells of the mesh.
+        thickness: ``(n,)`` of the wall at each [m].
+        lengths: ``(n,)`` longest side of each along the wall [m].
+        qualities: ``(n,)`` scaled Jacobian of each once its wall is drawn out as thick as the cell is long: what the flatness of the
+            wall takes off is none of the mesh's doing.
+    """
+
+    cells: IntArray
+    thickness: FloatArray
+    lengths: FloatArray
+    qualities: FloatArray
+
+
+def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
+    """Find the tets whose corners all lie on two opposite faces of a wall thinner than they are long.
+
+    Args:
+        points: ``(n_points, 3)`` [m].
+        corners: ``(n_cells, 4)``.
+    """
+    surface = extract_surface(corners, "tet4")
+    normals = corner_normals(points, surface)
+    sides = points[surface.facets]
+    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
+    facing = np.zeros((len(points), 3))
+    for corner in range(3):
+        np.add.at(facing, surface.facets[:, corner], areas[:, None] * normals)
+    sizes = np.linalg.norm(facing, axis=1, keepdims=True)
+    facing /= np.where(sizes > 0.0, sizes, 1.0)
+    cells = np.flatnonzero((sizes[corners, 0] > 0.0).all(axis=1))
+    own = facing[corners[cells]]
+    # the normal that the corners share up to its sign
+    across = np.linalg.eigh(np.einsum("cni,cnj->cij", own, own))[1][:, :, 2]
+    turned = np.einsum("cni,ci->cn", own, across)
+    upper, lower = turned > FACING, turned < -FACING
+    places = points[corners[cells]]
+    heights = np.einsum("cni,ci->cn", places, across)
+    top, bottom = upper.sum(axis=1), lower.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        thickness = (heights * upper).sum(axis=1) / top - (heights * lower).sum(axis=1) / bottom
+    flat = places - heights[:, :, None] * across[:, None, :]
+    lengths = np.linalg.norm(flat[:, :, None] - flat[:, None, :], axis=3).max(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        wall = (upper | lower).all(axis=1) & (top > 0) & (bottom > 0) & (thickness > 0.0) & (thickness < lengths)
+    drawn = places + ((lengths / np.where(wall, thickness, 1.0) - 1.0)[:, None] * heights)[:, :, None] * across[:, None, :]
+    drawn = drawn[wall]
+    qualities = scaled_jacobians(drawn.reshape(-1, 3), np.arange(4 * len(drawn)).reshape(-1, 4), "tet4")
+    return FlatTets(cells[wall], thickness[wall], lengths[wall], qualities)

@@ -11,10 +11,10 @@ from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, R
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
-from headstock.reduction.estimates.interface_doubts import doubted_energies
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     compliance_shape_errors,
+    doubted_energies,
     frequency_mesh_errors,
     frequency_shape_errors,
 )

@@ -32,14 +32,15 @@ from headstock.solvers.linear.frequency_response import (
     BoolArray,
     FrequencyResponse,
     FrfModel,
+    StabilityFigures,
     evaluate_frf,
     find_peaks,
+    find_stability_figures,
     prepare_frf,
     refine_grid,
 )
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
-from headstock.solvers.linear.stability_figures import StabilityFigures, find_stability_figures
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem, input_columns, output_rows
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves

@@ -4,18 +4,28 @@ import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
+from headstock.geometry.machine.joints import Joint
+from headstock.geometry.machine.machine import Machine, Point, Probe, orient_machine
+from headstock.geometry.parts.components import Component
 from headstock.scene.building.analyses import build_frf, build_modal, build_static, check_requests, check_subjects
-from headstock.scene.building.axes import build_poses, check_axes, check_axis_moves, check_floating, check_poses
-from headstock.scene.building.components import build_solids, check_components
+from headstock.scene.building.axes import build_axis, build_poses, check_axes, check_axis_moves, check_floating, check_poses
+from headstock.scene.building.components import (
+    NO_MATERIAL,
+    build_component,
+    build_frame,
+    build_material,
+    build_solid,
+    build_solids,
+    check_components,
+)
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
-from headstock.scene.building.joints import check_joints
-from headstock.scene.building.loads import check_loads, check_points, check_probes, check_supports
-from headstock.scene.building.machine import build_machine
+from headstock.scene.building.joints import build_joint, check_joints, tie_bearings
+from headstock.scene.building.loads import build_load, build_support, check_loads, check_points, check_probes, check_supports
 from headstock.scene.building.mechanism import build_contouring, build_map, build_mechanism, check_mechanism, check_reach
 from headstock.scene.building.path import build_path_request, check_path, check_path_carriages
 from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
-from headstock.scene.building.rails import check_carriages, check_rails
+from headstock.scene.building.rails import check_carriages, check_rails, choose_stations
 from headstock.scene.building.studies import (
     build_study,
     build_sweep,
@@ -29,7 +39,7 @@ from headstock.scene.reading.files import TomlValue, read_scene
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
-from headstock.scene.schema.effects import read_modal_damping
+from headstock.scene.schema.effects import read_gravity, read_modal_damping
 from headstock.scene.schema.overrides import VARIANT_JOINER, apply_settings, apply_values, apply_variant
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
@@ -182,3 +192,62 @@ def _split_requests(named: Collection[str], analyses: Analyses) -> tuple[Analyse
         Analyses(**{name: request for name, request in found.items() if name not in named}),
         Analyses(**{name: request for name, request in found.items() if name in named}),
     )
+
+
+def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
+    """Build the machine of a scene that has passed every check.
+
+    Args:
+        scene: Validated and checked tables.
+        name: Name of the machine.
+        folder: Folder of the scene, for the files it refers to.
+
+    Returns:
+        The machine, set up in the orientation the scene asks for.
+    """
+    components = _build_components(scene, folder)
+    joints = _build_joints(scene, components)
+    supports = {key: build_support(key, table, components) for key, table in scene.supports.items()}
+    machine = Machine(
+        name=name,
+        components=components,
+        joints=joints,
+        points={key: Point(key, table.tool, table.work) for key, table in scene.points.items()},
+        axes={key: build_axis(key, table, scene, joints, supports) for key, table in scene.axes.items()},
+        supports=supports,
+        loads={key: build_load(key, table, components) for key, table in scene.loads.items()},
+        probes={key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2])) for key, table in scene.probes.items()},
+        gravity=read_gravity(scene.effects.get("gravity", True)),
+        mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
+    )
+    if "orientation" not in scene.model_fields_set:
+        return machine
+    return orient_machine(machine, build_frame(scene.orientation.at, scene.orientation.rotate))
+
+
+def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
+    materials = {name: build_material(name, table) for name, table in scene.materials.items()}
+    solids = {name: build_solid(table.solid, folder) for name, table in scene.components.items()}
+    stations = choose_stations(scene, solids)
+    return {
+        name: build_component(
+            name,
+            table,
+            solids[name],
+            NO_MATERIAL if table.material is None else materials[table.material],
+            free=scene.free,
+            stations=stations[name],
+        )
+        for name, table in scene.components.items()
+    }
+
+
+def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[str, Joint]:
+    """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie between them."""
+    joints: dict[str, Joint] = {}
+    for key, table in scene.joints.items():
+        joints[key] = build_joint(key, table)
+        tie = tie_bearings(f"{key}_shaft", joints[key])
+        if tie is not None and any(components[end.component or ""].fidelity != "rigid" for end in tie.ends):
+            joints[tie.name] = tie
+    return joints

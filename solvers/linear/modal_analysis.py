@@ -1,9 +1,15 @@
-"""Undamped natural frequencies and mode shapes of any second-order system: all of them, or the lowest of a few hundred dofs alone."""
+"""Undamped natural frequencies and mode shapes of any second-order system, all or the lowest, and their derivatives by parameters.
+
+No eigenvalue is ever differenced: where two of them meet or change places, only the matrices are asked how they change.
+
+Source of the derivatives: Fox and Kapoor (1968) for eigenvalues; Nelson (1976) for shapes, with every mode of a cluster in the
+border (Mills-Curran 1988), so that repeated eigenvalues leave the system solvable.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lu_factor, lu_solve, solve_triangular
 from scipy.linalg.lapack import dpotrf, dsyevr, dsygst
 
 from headstock.geometry.frames import FloatArray
@@ -15,6 +21,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 RESIDUAL_LIMIT = 1e-7
 FEW = 0.5  # of all modes: from here on all of them cost no more
 WIDENING = 1.0 + 1e-12
+CLUSTER_GAP = 1e-7  # eigenvalues closer than this share of themselves are one cluster: their shapes may turn into each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,3 +163,55 @@ def _largest_flexibilities(stiffness: FloatArray, mass: FloatArray, count: int |
         return None
     squares = 1.0 / flexibilities[: -kept - 1 : -1]
     return ModalPairs(squares, shapes * np.sqrt(squares))
+
+
+def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
+    """Derivatives ``(m,)`` of ``omega^2`` by one parameter.
+
+    Args:
+        shapes: ``(n, m)`` mass-normalised mode shapes ``phi_i``.
+        forces: ``(n, m)`` column ``(dK - omega_i^2 dM) phi_i`` for each mode.
+    """
+    return np.asarray(np.einsum("ij,ij->j", shapes, forces))
+
+
+def slope_compliance(motion: FloatArray, force: FloatArray, stiffness_slope: FloatArray) -> float:
+    """Derivative of ``a^T K^-1 b`` with fixed a and b: ``-v^T dK u`` for ``u = K^-1 b`` and ``v = K^-1 a``, both ``(n,)``."""
+    return -float(motion @ stiffness_slope @ force)
+
+
+def slope_shape(
+    stiffness: FloatArray,
+    mass: FloatArray,
+    squares: FloatArray,
+    shapes: FloatArray,
+    index: int,
+    slopes: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Derivatives ``(n, p)`` of one mass-normalised mode shape by p parameters.
+
+    In a cluster of repeated eigenvalues the part that turns the shapes of the cluster into each other is left out: it has no
+    definite value.
+
+    Args:
+        stiffness: ``(n, n)``.
+        mass: ``(n, n)``.
+        squares: ``(m,)`` omega^2 [rad^2/s^2].
+        shapes: ``(n, m)`` mass-normalised.
+        index: Which mode.
+        slopes: ``(dK - omega^2 dM) phi`` of that mode for each parameter ``(n, p)``, and ``phi^T dM phi`` ``(p,)``.
+    """
+    forces, mass_terms = slopes
+    square = float(squares[index])
+    cluster = np.flatnonzero(np.abs(squares - square) <= CLUSTER_GAP * abs(square))
+    held = mass @ shapes[:, cluster]
+    count, size = len(cluster), len(mass)
+    system = np.zeros((size + count, size + count))
+    # the border in the units of the stiffness, so that the factorisation sees one scale
+    border = held * np.sqrt(np.abs(stiffness.diagonal()).mean() / np.einsum("ij,ij->", held, held))
+    system[:size, :size] = stiffness - square * mass
+    system[:size, size:], system[size:, :size] = border, border.T
+    right = np.zeros((size + count, forces.shape[1]))
+    right[:size] = held @ (shapes[:, cluster].T @ forces) - forces
+    turned = lu_solve(lu_factor(system, check_finite=False), right, check_finite=False)[:size]
+    return np.asarray(turned - 0.5 * np.outer(shapes[:, index], mass_terms))

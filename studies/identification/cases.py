@@ -23,7 +23,7 @@ from headstock.reduction.coupling.slopes import (
 )
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.eigen_sensitivities import slope_shape, slope_squares
+from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.studies.identification.parametric_scene import ParametricScene
 from headstock.studies.identification.targets import Parameter, TargetCase

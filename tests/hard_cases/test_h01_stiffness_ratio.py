@@ -6,13 +6,13 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body
 
 AIR = 1.0e3
 HOME = Pose("home")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Pose, orient_machine
@@ -12,7 +13,6 @@ from headstock.reduction.motions.mode_naming import name_modes
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

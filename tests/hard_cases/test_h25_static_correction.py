@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Material
@@ -12,7 +13,6 @@ from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coor
 from headstock.solvers.linear.response_forms import sum_over_modes
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import input_columns, output_rows
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 

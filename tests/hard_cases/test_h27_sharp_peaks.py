@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from headstock.solvers.linear.damped_modes import solve_damped
-from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, refine_grid
-from headstock.solvers.linear.stability_figures import find_stability_figures
+from headstock.solvers.linear.frequency_response import evaluate_frf, find_stability_figures, prepare_frf, refine_grid
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORT = ("end", "x")

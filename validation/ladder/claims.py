@@ -22,7 +22,7 @@ from headstock.validation.ladder.points import (
     worst_of,
 )
 from headstock.validation.ladder.references import Group, LadderBeam
-from headstock.validation.parts.beam_components import PATCH
+from headstock.validation.parts.closed_form_cases import PATCH
 
 ROUNDOFF = 1e-6
 ABOUT_EQUAL = 2.0  # nDOF of two models that may be compared

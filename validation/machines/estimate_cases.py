@@ -33,8 +33,7 @@ from headstock.validation.machines.monolithic_machines import (
     monolithic_machine,
     view_carriages,
 )
-from headstock.validation.parts.beam_components import COLUMN_SIZE, column, face_interface, mesh_settings
-from headstock.validation.parts.closed_form_cases import STEEL
+from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, STEEL, column, face_interface, mesh_settings
 from headstock.validation.parts.component_models import full_model, full_modes, held_by
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 

@@ -1,11 +1,13 @@
-"""The shipped three-axis machine against a monolithic finite element model of itself."""
+"""Shipped machines against unreduced finite element models of themselves: the three-axis machine, and a table along its guideway."""
+
+import time
+from collections.abc import Mapping
 
 import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Component
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.pipeline.storage.provenance import PROJECT
@@ -16,9 +18,24 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.validation.machines.monolithic_machines import monolithic_compliance, monolithic_frequencies, monolithic_machine
-from headstock.validation.references.rows import Target, ValidationRow, judge
+from headstock.validation.machines.monolithic_machines import (
+    fix_carriages,
+    monolithic_compliance,
+    monolithic_frequencies,
+    monolithic_machine,
+    solve_monolithic,
+    view_carriages,
+)
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
+SCENE = PROJECT / "machines" / "guideway.toml"
+GUIDEWAY = "guideway"
+REACH = 0.24
+COUNT = 10
+POSITIONS = 50  # against fresh meshes
+SAME_MESH_POSITIONS = 8
+LARGEST, MEDIAN = 1e-2, 1e-3
+RIPPLE = 5e-4
 MACHINES = PROJECT / "machines"
 FREQUENCY_COUNT = 14
 SHIFT_HZ = 20.0
@@ -27,13 +44,16 @@ COMPLIANCE_TOLERANCE = 1e-6
 FREQUENCY_TOLERANCE = 1e-3
 KIND = "monolithic FE"
 
+Answer = tuple[FloatArray, FloatArray]  # compliance along x, y, z [m/N]; ten frequencies [Hz]
+
 
 def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
     """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and unreduced."""
     scene = load_scene(MACHINES / "three_axis.toml")
     machine = scene.machine
-    meshes = {name: _mesh_everywhere(part, comm) for name, part in machine.components.items() if part.fidelity == "elastic"}
-    reduced = _reduce_all(machine, meshes, comm)
+    elastic = {name: part for name, part in machine.components.items() if part.fidelity == "elastic"}
+    meshes = comm.bcast({name: mesh_component(part) for name, part in elastic.items()} if comm.rank == 0 else None, root=0)
+    reduced = reduce_parts(machine, meshes, comm)
     rows: list[ValidationRow] = []
     for pose in scene.poses.values():
         coupled = couple(reduced, machine, pose)
@@ -69,13 +89,95 @@ def _compare(
     return rows
 
 
-def _mesh_everywhere(component: Component, comm: MPI.Comm) -> ComponentMesh:
-    mesh: ComponentMesh = comm.bcast(mesh_component(component) if comm.rank == 0 else None, root=0)
-    return mesh
+def check_guideway(comm: MPI.Comm) -> list[ValidationRow]:
+    """Compliance and frequencies at 50 places against fresh meshes, at 8 against the same mesh; ripple; what a pose costs."""
+    rows: list[ValidationRow] = []
+    if comm.rank == 0:
+        machine = load_scene(SCENE).machine
+        mesh = mesh_component(machine.components["bed"])
+        parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
+        rows += _compare_meshes(machine, mesh, parts)
+        rows.append(judge_bound(GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE))
+        rows += _measure_cost(machine, parts)
+    return list(comm.bcast(rows, root=0))
 
 
-def _reduce_all(machine: Machine, meshes: dict[str, ComponentMesh], comm: MPI.Comm) -> dict[str, Superelement]:
+def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm) -> dict[str, Superelement]:
+    """Superelements of meshed components, and of the others from their mass properties; collective."""
     return {
         name: reduce_elastic(part, meshes[name], comm=comm) if name in meshes else reduce_rigid(part, describe_component(part))
         for name, part in machine.components.items()
     }
+
+
+def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
+    """Compliance at the TCP and frequencies of the coupled superelements."""
+    system = couple(parts, machine, Pose("p", {"X": place})).system
+    ports = np.column_stack([system.inputs["tcp", dof] for dof in DOF_NAMES])
+    compliance = ports.T @ solve_static(system, ports).displacements
+    return np.diag(compliance)[:3], solve_modal(system, count=COUNT).frequencies_hz
+
+
+def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
+    """The same of the unreduced model on the mesh that was reduced, its carriages weighed alike."""
+    pose = Pose("p", {"X": place})
+    views = view_carriages(machine, {"bed": mesh}, pose)
+    model = monolithic_machine(fix_carriages(machine, pose), {"bed": mesh}, pose, views=views)
+    compliance, frequencies = solve_monolithic(model, "tcp", COUNT)
+    return np.diag(compliance)[:3], frequencies
+
+
+def answer_fresh_mesh(machine: Machine, place: float) -> Answer:
+    """The same on a mesh of its own, with an evenly averaging patch imprinted under every carriage."""
+    pose = Pose("p", {"X": place})
+    fixed = fix_carriages(machine, pose)
+    model = monolithic_machine(fixed, {"bed": mesh_component(fixed.components["bed"])}, pose)
+    compliance, frequencies = solve_monolithic(model, "tcp", COUNT)
+    return np.diag(compliance)[:3], frequencies
+
+
+def relative_errors(found: Answer, expected: Answer) -> FloatArray:
+    """Of the three compliances and of the frequencies ``(13,)``."""
+    return np.concatenate([np.abs(a / b - 1.0) for a, b in zip(found, expected, strict=True)])
+
+
+def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
+    """Largest relative departure of a frequency from a quartic in the place, over two station intervals around the middle."""
+    spacing = next(iter(parts["bed"].rails.values())).blur
+    places = np.linspace(-spacing, spacing, samples)
+    frequencies = np.array([answer_reduced(machine, parts, float(place))[1] for place in places])
+    smooth = np.polynomial.chebyshev.chebvander(places / spacing, 4)
+    rest = frequencies - smooth @ np.linalg.lstsq(smooth, frequencies, rcond=None)[0]
+    return float(np.abs(rest / frequencies).max())
+
+
+def _compare_meshes(machine: Machine, mesh: ComponentMesh, parts: dict[str, Superelement]) -> list[ValidationRow]:
+    fresh, same, apart = [], [], []
+    for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
+        found, expected = answer_reduced(machine, parts, float(place)), answer_fresh_mesh(machine, float(place))
+        fresh.append(relative_errors(found, expected))
+        if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
+            alike = answer_same_mesh(machine, mesh, float(place))
+            same.append(relative_errors(found, alike))
+            apart.append(relative_errors(alike, expected))
+    rows = []
+    for name, errors in (("same mesh, same weight", np.array(same)), ("fresh mesh, even patch", np.array(fresh))):
+        for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
+            note = f"{len(errors)} places"
+            rows.append(judge_bound(GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note))
+            rows.append(judge_bound(GUIDEWAY, f"{what}, {name}: median", float(np.median(part)), MEDIAN, note))
+    rows.append(show(GUIDEWAY, "between the two unreduced models: largest", float(np.max(apart)), "-", "what mesh and weight make"))
+    return rows
+
+
+def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[ValidationRow]:
+    places = np.linspace(-REACH, REACH, 20)
+    answer_reduced(machine, parts, 0.0)
+    start = time.process_time()
+    for place in places:
+        answer_reduced(machine, parts, float(place))
+    seconds = 1000.0 * (time.process_time() - start) / len(places)
+    return [
+        show(GUIDEWAY, "reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),
+        show(GUIDEWAY, "1000 poses: couple, compliance, ten modes", seconds, "s", "CPU; half of it on two cores"),
+    ]

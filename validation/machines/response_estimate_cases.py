@@ -49,8 +49,7 @@ from headstock.validation.machines.estimate_cases import (
     unreduced,
 )
 from headstock.validation.machines.monolithic_machines import MonolithicMachine
-from headstock.validation.parts.beam_components import face_interface
-from headstock.validation.parts.closed_form_cases import STEEL
+from headstock.validation.parts.closed_form_cases import STEEL, face_interface
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 
 RESPONSE_CASE = "response-estimates"

@@ -9,8 +9,15 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component, MeshSettings, Support
 from headstock.meshing.component_mesh import CellKind
-from headstock.validation.parts.beam_components import clamp, column, face_interface, fixed_beam, mesh_settings
-from headstock.validation.parts.closed_form_cases import CANTILEVER, FIXED_BEAM
+from headstock.validation.parts.closed_form_cases import (
+    CANTILEVER,
+    FIXED_BEAM,
+    clamp,
+    column,
+    face_interface,
+    fixed_beam,
+    mesh_settings,
+)
 from headstock.validation.parts.component_models import full_model, full_modes, held_by, interface_compliance, shared_mesh
 from headstock.validation.references.bending import (
     cantilever_shear_deflection,

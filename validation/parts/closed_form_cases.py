@@ -1,9 +1,15 @@
-"""Cases that hold the closed forms to their tabled values: no finite elements."""
+"""Bodies of the benchmarks, and cases that compare closed forms with their tabled values: no finite elements."""
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Material
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings, Support
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import CellKind
 from headstock.validation.references.bending import (
     cantilever_force_deflection,
     cantilever_moment_deflection,
@@ -13,7 +19,6 @@ from headstock.validation.references.bending import (
     strip_frequencies,
     timoshenko_frequencies,
 )
-from headstock.validation.references.lumped_block import SprungBlock, block_frequencies
 from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
 from headstock.validation.references.rows import ValidationRow, judge_all
 from headstock.validation.references.torsion import (
@@ -34,6 +39,52 @@ FIXED_BEAM = PrismaticBeam(0.75, 0.25, 0.032, STEEL)
 DEEP_BEAM = PrismaticBeam(10.0, 2.0, 2.0, Material("nafems", 200e9, 0.3, 8000.0))
 SLENDER_BEAM = PrismaticBeam(0.5, 0.05, 0.005, Material("sdll02", 210e9, 0.3, 7800.0))
 ROD = PrismaticBeam(1.0, 0.05, 0.05, Material("nu0", 210e9, 0.0, 7850.0))
+AXES = ("x", "y", "z")
+COLUMN_SIZE = (0.038, 0.100, 0.500)
+FIXED_SIZE = (0.032, 0.750, 0.250)
+PATCH = 0.010
+OFFSET = 0.100
+
+
+@dataclass(frozen=True)
+class SprungBlock:
+    """A homogeneous rigid block on four corner springs.
+
+    Attributes:
+        size: Edge lengths x, y, z [m].
+        mass: Mass [kg].
+        spring: Stiffness of each corner spring along x, y and z [N/m].
+    """
+
+    size: tuple[float, float, float]
+    mass: float
+    spring: tuple[float, float, float]
+
+
+def block_frequencies(block: SprungBlock) -> FloatArray:
+    """The six natural frequencies ``(6,)`` [Hz] of a block on four corner springs, rising.
+
+    Heave and yaw stand alone; swaying along x couples with rocking about y, swaying along y with rocking about x.
+
+    Source: Newton-Euler equations about the centre of mass (Rivin (2003), section 1.3).
+    """
+    a, b, h = (0.5 * edge for edge in block.size)
+    kx, ky, kz = (4.0 * stiffness for stiffness in block.spring)
+    ix, iy, iz = (block.mass * (p**2 + q**2) / 3.0 for p, q in ((b, h), (a, h), (a, b)))
+    squares = [kz / block.mass, (kx * b**2 + ky * a**2) / iz]
+    squares += _sway_rock_pair(kx, block.mass, kz * a**2, iy, h)
+    squares += _sway_rock_pair(ky, block.mass, kz * b**2, ix, h)
+    return np.asarray(np.sqrt(np.sort(squares)) / (2.0 * math.pi))
+
+
+def _sway_rock_pair(sway: float, mass: float, rock: float, inertia: float, height: float) -> list[float]:
+    """Squared angular frequencies [rad^2/s^2] of swaying and rocking when the springs act ``height`` below the centre."""
+    k11, k22 = sway / mass, (rock + sway * height**2) / inertia
+    k12 = sway * height / math.sqrt(mass * inertia)
+    mean, radius = 0.5 * (k11 + k22), math.hypot(0.5 * (k11 - k22), k12)
+    return [mean - radius, mean + radius]
+
+
 BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
 
@@ -114,3 +165,39 @@ def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """The block on four air springs in closed form."""
     return judge_all("block-theory", reference_case("block"), block_frequencies(BLOCK))
+
+
+def mesh_settings(kind: CellKind, size: float) -> MeshSettings:
+    """Settings that give a cell kind."""
+    return MeshSettings(size=size, order=2 if kind in ("tet10", "hex27") else 1, cells="tet" if kind.startswith("tet") else "hex")
+
+
+def column(mesh: MeshSettings, interfaces: dict[str, Interface] | None = None) -> Component:
+    """The seed's column, standing on its foot."""
+    return Component(
+        "column", Box(COLUMN_SIZE), STEEL, interfaces=interfaces or {}, mesh=mesh, reduction=ReductionSettings(modes=6)
+    )
+
+
+def clamp(component: str, *faces: str) -> tuple[Support, ...]:
+    """Whole faces held in every direction."""
+    return tuple(Support(f"clamp{number}", component, (Patch(face),), AXES) for number, face in enumerate(faces))
+
+
+def face_interface(name: str, face: str, coupling: str) -> Interface:
+    """A whole face as an interface."""
+    return Interface(name, (Patch(face),), "average" if coupling == "average" else "rigid")
+
+
+def fixed_beam(mesh: MeshSettings, height: float | None = None) -> Component:
+    """The seed's fixed beam, lying along y; with a loaded patch at a height above mid-height [m], and one behind it.
+
+    The patches are squares of 10 mm on the two faces normal to x.
+    """
+    interfaces = {}
+    if height is not None:
+        center = (0.0, 0.0, FIXED_SIZE[2] / 2.0 + height)
+        for name, face in (("front", "x+"), ("back", "x-")):
+            patch = Patch(face, "rect", center, (PATCH, PATCH))
+            interfaces[name] = Interface(name, (patch,), "average")
+    return Component("beam", Box(FIXED_SIZE), STEEL, interfaces=interfaces, mesh=mesh, reduction=ReductionSettings(modes=6))

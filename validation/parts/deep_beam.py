@@ -24,8 +24,7 @@ from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import Port, SecondOrderSystem
-from headstock.validation.parts.beam_components import face_interface, mesh_settings
-from headstock.validation.parts.closed_form_cases import DEEP_BEAM
+from headstock.validation.parts.closed_form_cases import DEEP_BEAM, face_interface, mesh_settings
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 

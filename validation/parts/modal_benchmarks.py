@@ -20,8 +20,17 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.parts.beam_cases import beam_mode_kinds
-from headstock.validation.parts.beam_components import COLUMN_SIZE, clamp, column, face_interface, mesh_settings
-from headstock.validation.parts.closed_form_cases import BLOCK, DEEP_BEAM, SLENDER_BEAM, STEEL
+from headstock.validation.parts.closed_form_cases import (
+    BLOCK,
+    COLUMN_SIZE,
+    DEEP_BEAM,
+    SLENDER_BEAM,
+    STEEL,
+    clamp,
+    column,
+    face_interface,
+    mesh_settings,
+)
 from headstock.validation.parts.component_models import FullModes, full_model, full_modes, held_by, rigid_frequencies, shared_mesh
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound

@@ -12,8 +12,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.block_lanczos import ModeTarget
-from headstock.validation.parts.beam_components import COLUMN_SIZE, column, face_interface, mesh_settings
-from headstock.validation.parts.closed_form_cases import STEEL
+from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, STEEL, column, face_interface, mesh_settings
 from headstock.validation.parts.component_models import full_model, full_modes, shared_mesh
 from headstock.validation.parts.scipy_models import (
     all_frequencies,

@@ -19,8 +19,7 @@ from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coor
 from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
-from headstock.validation.parts.beam_components import COLUMN_SIZE, column, face_interface, mesh_settings
-from headstock.validation.parts.closed_form_cases import ROD, STEEL
+from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, ROD, STEEL, column, face_interface, mesh_settings
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.parts.line_elements import TIP, cantilever_system, rod_system, spectral_rod
 from headstock.validation.parts.scipy_models import ConstrainedMatrices, rigid_face_matrices

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
+from headstock.app.charts.ladder import FIGURE_NAME, draw_axis_kit
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
 from headstock.validation.references.rows import Target, ValidationRow, judge

@@ -6,8 +6,8 @@ import pytest
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import POOR_QUALITY
 from headstock.meshing.components.meshing import mesh_component
-from headstock.meshing.elements.flat_tets import find_flat_tets
 from headstock.meshing.elements.quality import scaled_jacobians
+from headstock.meshing.elements.surface import find_flat_tets
 from headstock.pipeline.stages.warnings import mesh_warnings
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.app.report.contour import draw_contour
+from headstock.app.report.path import draw_contour
 from headstock.app.texts.tables import _contour_table
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.stages.contouring import evaluate_contour, run_contour

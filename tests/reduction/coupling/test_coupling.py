@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.linalg
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import DOF_NAMES, Frame, rigid_transfer, rotate_dofs, rotation_about
 from headstock.geometry.machine.joints import Axis
@@ -16,8 +17,7 @@ from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
-from headstock.validation.references.lumped_block import SprungBlock, block_frequencies
+from headstock.validation.parts.closed_form_cases import SprungBlock, block_frequencies
 
 HOME = Pose("home")
 SPRING = (2.0e7, 3.0e7, 5.0e7, 1.0e6, 2.0e6, 3.0e6)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.machine.machine import Pose
@@ -11,7 +12,6 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import energy_shares, find_weakest_link, point_budget, point_compliance
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 FOOT = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

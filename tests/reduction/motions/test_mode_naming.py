@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 from mpi4py import MPI
 
 from headstock.geometry.machine.machine import Pose
@@ -10,7 +11,6 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import join_names
 from headstock.reduction.motions.mode_naming import is_ball, name_around, name_modes, name_on_ball, round_axis
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.validation.machines.lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 

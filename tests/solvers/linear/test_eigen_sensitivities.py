@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.eigen_sensitivities import slope_compliance, slope_shape, slope_squares
+from headstock.solvers.linear.modal_analysis import slope_compliance, slope_shape, slope_squares
 
 COMPLEX_STEP = 1e-30
 STEP = 1e-3

@@ -14,11 +14,11 @@ from headstock.solvers.linear.frequency_response import (
     convert_receptance,
     evaluate_frf,
     find_peaks,
+    find_stability_figures,
     prepare_frf,
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.linear.stability_figures import find_stability_figures
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.component_mesh import ComponentMesh
@@ -9,7 +10,7 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components import elastic
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
-from headstock.validation.machines.guideway_cases import (
+from headstock.validation.machines.machine_cases import (
     SCENE,
     answer_fresh_mesh,
     answer_reduced,
@@ -28,7 +29,7 @@ def model() -> Model:
     """The shipped guideway with a coarser bed and fewer fixed-interface modes."""
     machine = load_scene(SCENE, overrides=("components.bed.mesh.size=75 mm", "components.bed.reduction.modes_to=6 kHz")).machine
     mesh = mesh_component(machine.components["bed"])
-    return machine, mesh, reduce_parts(machine, mesh)
+    return machine, mesh, reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
 
 
 def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_from_above(model: Model) -> None:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from headstock.geometry.parts.components import Material
 from headstock.validation.case_registry import run_validation
 from headstock.validation.parts import modal_benchmarks, order_cases
-from headstock.validation.parts.beam_components import column, mesh_settings
+from headstock.validation.parts.closed_form_cases import column, mesh_settings
 from headstock.validation.parts.modal_benchmarks import check_block
 from headstock.validation.parts.order_cases import cube_error, rod_frequencies
 from headstock.validation.references.rows import rows_as_json

@@ -3,7 +3,7 @@
 import numpy as np
 
 from headstock.geometry.frames import rigid_map
-from headstock.validation.references.lumped_block import SprungBlock, block_frequencies
+from headstock.validation.parts.closed_form_cases import SprungBlock, block_frequencies
 
 BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
