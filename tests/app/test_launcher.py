@@ -688,9 +688,12 @@ def test_where_the_users_cache_cannot_be_written_a_folder_of_their_own_takes_its
 
 
 def test_every_pip_package_is_pinned_to_a_version_and_its_hashes() -> None:
-    for name in ("lint", "benchmarks"):
-        text = (ROOT / "environment" / f"{name}.txt").read_text().replace("\\\n", " ")
-        for line in (line for line in text.splitlines() if line and not line.startswith("#")):
+    lists = {path for path in (ROOT / "environment").glob("*.txt") if path.name != "packages.txt"}
+    assert {path.stem for path in lists} >= {"lint", "tests", "benchmarks"}
+    for path in lists:
+        lines = [line for line in path.read_text().replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
+        assert lines, path
+        for line in lines:
             package, *hashes = line.split()
             assert "==" in package
             assert hashes and all(word.startswith("--hash=sha256:") and len(word) == 78 for word in hashes)

@@ -134,6 +134,7 @@ def test_effort_counts_every_step_and_says_what_came_from_the_store(scene: Path)
 def test_modes_beyond_the_limit_are_shown_only_as_partners(scene: Path) -> None:
     scene.write_text(SCENE.replace("count = 9", 'up_to = "150 Hz"'))
     found = compare(scene, "E", "R")
+    assert set(found.solutions) == {"E", "R"} and found.rows
     for name, solution in found.solutions.items():
         assert solution.modal is not None
         assert solution.wanted == np.count_nonzero(solution.modal.frequencies_hz <= 150.0)

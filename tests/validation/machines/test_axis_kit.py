@@ -62,7 +62,8 @@ def test_the_measured_compliance_in_z_comes_out_within_5_percent(segmented: dict
 
 
 def test_every_paired_mode_moves_as_the_paper_describes_it(segmented: dict[str, KitModel]) -> None:
-    assert all("as described" in row.note for row in show_shapes(segmented["YCE"]))
+    rows = show_shapes(segmented["YCE"])
+    assert len(rows) > 3 and all("as described" in row.note for row in rows)
 
 
 def test_finite_elements_agree_with_segments_and_with_the_paper_s_own(

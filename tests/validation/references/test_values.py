@@ -8,6 +8,7 @@ from headstock.validation.references.values import reference_case, reference_cas
 
 
 def test_every_case_has_a_source_a_trap_a_tolerance_and_finite_values() -> None:
+    assert len(reference_cases()) > 13
     for case in reference_cases().values():
         assert case.source and case.traps and case.description and case.id
         assert 0.0 < case.tolerance < 1.0
