@@ -95,6 +95,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if "faults" not in config.option.markexpr:  # hours of them, only when they are asked for
         config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
         items[:] = [item for item in items if not item.get_closest_marker("faults")]
+    # files that take long first (stable): in the end both workers have short tests left, and neither waits for the other
+    lengths = {item.path: 0 for item in items}
+    for item in items:
+        length = sum(item.get_closest_marker(kind) is not None for kind in ("process", "mpi", "documents"))
+        lengths[item.path] = max(lengths[item.path], 2 * length + (item.get_closest_marker("fem") is not None))
+    items.sort(key=lambda item: -lengths[item.path])
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
