@@ -57,6 +57,11 @@ class Rail:
 def lay_out_rail(component: Component, interface: Interface, centroid: FloatArray) -> Rail:
     """A rail of a component that is not meshed, without control values: the smallest cubic spline between its ends.
 
+    Args:
+        component: With its solid.
+        interface: The rail.
+        centroid: ``(3,)`` of the rail's area, component frame [m].
+
     Raises:
         ModelError: Where it ends is not known.
     """
@@ -76,6 +81,11 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
 def place_knots(low: float, high: float, stations: int) -> FloatArray:
     """Evenly spaced clamped knots ``(stations + 4,)`` of cubic B-splines between the ends of a rail.
 
+    Args:
+        low: Where the rail begins along its axis [m].
+        high: Where it ends [m].
+        stations: Number of control points, at least 4.
+
     Raises:
         ValueError: Fewer stations than a cubic needs.
     """
@@ -88,6 +98,11 @@ def place_knots(low: float, high: float, stations: int) -> FloatArray:
 def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
     """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is linear takes their values.
 
+    Args:
+        knots: ``(N + 4,)`` of the B-splines, clamped [m].
+        center: ``(3,)`` middle of the centre line, component frame [m].
+        axis: Axis of the component that the rail runs along, 0..2.
+
     Source: Greville (1969); de Boor (2001), chapter IX (Marsden's identity).
     """
     degree = _degree(knots)
@@ -98,7 +113,13 @@ def station_points(knots: FloatArray, center: FloatArray, axis: int) -> FloatArr
 
 
 def station_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
-    """Control values ``(4, 6)`` of a station when the body moves rigidly, six motions about an origin."""
+    """Control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail, under six unit rigid motions of the body.
+
+    Args:
+        point: ``(3,)`` the control point, component frame [m].
+        axis: Axis of the component that the rail runs along, 0..2.
+        origin: ``(3,)`` point about which the body rotates [m].
+    """
     return rigid_transfer(origin, point)[[0, 1, 2, 3 + axis]]
 
 

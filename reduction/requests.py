@@ -55,7 +55,13 @@ class ReductionExtent:
     verified: bool
 
     def serves(self, wanted: ReductionRequest, *, mass: bool, verify: bool) -> bool:
-        """Whether everything that a request wants is there."""
+        """Whether everything that a request wants is there.
+
+        Args:
+            wanted: Modes and gravity that the new reduction needs.
+            mass: It needs the component's mass.
+            verify: It needs the number of modes to be counted.
+        """
         target = wanted.modes
         if (mass and not self.mass) or (wanted.gravity and not self.gravity):
             return False
@@ -85,6 +91,11 @@ def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRe
     """Whether a reduction assembles the component's mass.
 
     A body without interfaces has it even then: the means of the motions that its supports leave free are weighed by it.
+
+    Args:
+        component: With or without interfaces.
+        loads: Static loads on it.
+        request: Modes and gravity wanted.
     """
     return not component.interfaces or request.modes is not None or request.gravity or any(load.kind == "body" for load in loads)
 

@@ -60,6 +60,11 @@ class BoundaryBasis:
 def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Sequence[Support]) -> BoundaryBasis:
     """Boundary nodes, held dofs and dependence rows of a component's interfaces and supports.
 
+    Args:
+        component: With its interfaces.
+        mesh: Its mesh, with a patch per interface and a patch ``support:NAME`` per support.
+        supports: Those of this component; each fixes some directions of the points of its patch.
+
     Raises:
         ModelError: An interface is point- or line-like and not forced.
     """

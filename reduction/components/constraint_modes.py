@@ -127,10 +127,18 @@ def _scatter(operator: FloatArray, nodes: IntArray, local_of: dict[int, int], ow
 
 
 def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
-    """``psi``, ``(3 n_owned, n_b)``: displacement for unit boundary dofs, the interior free of loads.
+    """Constraint modes ``psi``: displacement for unit boundary dofs, the interior free of loads.
 
     Boundary dofs that move as a rigid body move the whole component so, which no solve has to find; only the others are solved for.
     Mass, centre of mass and inertia then come out right however badly the stiffness is conditioned.
+
+    Args:
+        basis: Boundary nodes, fixed dofs and shapes of rigid interfaces.
+        means: Weighted means that averaging interfaces and rails prescribe.
+        solver: Factorised stiffness with those dofs fixed and those means constrained.
+
+    Returns:
+        ``(3 n_owned, n_b)`` rows of this rank's nodes [m/m, m/rad].
 
     Source: Craig and Bampton (1968); mean interfaces by Lagrange multipliers as in Kaufmann et al. (2019).
     """
@@ -182,7 +190,16 @@ def _follow(
 
 
 def dependent_rows(basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver) -> FloatArray:
-    """Rows of boundary dofs ``(m, n_b)`` that vanish because some means depend on each other or on rigid patches alone."""
+    """Rows of boundary dofs that vanish because some means depend on each other or on rigid patches alone.
+
+    Args:
+        basis: Boundary nodes, fixed dofs and shapes of rigid interfaces.
+        means: Weighted means, with the combinations of them that depend on others.
+        solver: Factorised operators with the fixed dofs.
+
+    Returns:
+        ``(m, n_b)`` of unit length.
+    """
     if not means.dependent.shape[1] or not (basis.nodes or basis.rails):
         return np.zeros((0, means.boundary_size))
     prescribed = _prescribe_patches(basis, means, solver)

@@ -85,7 +85,19 @@ def reduce_operators(
     *,
     request: ReductionRequest,
 ) -> Superelement:
-    """The same from operators that are already assembled."""
+    """Superelement of a meshed elastic component, see ``reduce_elastic``, from operators that are already assembled.
+
+    Args:
+        component: Geometry, material, interfaces and reduction settings.
+        mesh: Its mesh.
+        operators: Stiffness, and mass where the request needs it, of this mesh.
+        supports: Supports of this component.
+        loads: Static loads; those on other components are left out.
+        request: How many modes, and whether gravity, recovery and error estimates.
+
+    Raises:
+        ModelError, ConvergenceError, AccuracyError: As ``reduce_elastic``.
+    """
     remarks = judge_element_order(component, mesh)
     basis = build_boundary_basis(component, mesh, supports)
     means = MeanConstraints(basis, operators)

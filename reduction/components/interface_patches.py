@@ -176,6 +176,16 @@ def assemble_loads(
     Pressures come as ``NAME`` at their full magnitude. Tractions, body loads and gravity come as ``NAME:x``, ``NAME:y``, ``NAME:z``:
     one unit (1 Pa, 1 m/s^2) along each axis of the component, so that the superelement does not depend on how it is placed.
     Forces at an interface need no vector of their own.
+
+    Args:
+        component: Its name picks its loads.
+        mesh: Its mesh, with a patch ``load:NAME`` for each pressure and traction.
+        operators: Nodes of this rank and, for body loads and gravity, the mass.
+        loads: Static loads of the whole machine.
+        gravity: Add a unit acceleration of gravity along each axis.
+
+    Returns:
+        By name, ``(3 n_owned,)`` [N per unit of the load].
     """
     result: dict[str, FloatArray] = {}
     local_of = {int(point): row for row, point in enumerate(operators.nodes)}

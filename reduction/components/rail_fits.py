@@ -48,6 +48,11 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     that part is fitted too, so that no rigid motion is left over, but carriages do not see it: their pitch and yaw follow
     from the motion along the rail.
 
+    Args:
+        component: Its name, for messages.
+        interface: The rail, with its direction and its number of control points.
+        patch: The strip on the mesh.
+
     Raises:
         ModelError: The mesh is too coarse along the rail for its stations, or the rail has gaps.
 

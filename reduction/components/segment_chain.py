@@ -16,7 +16,7 @@ CLOSEST = 1e-4
 Span = tuple[float, float]
 
 
-def spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, second: FloatArray) -> FloatArray:
+def _spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, second: FloatArray) -> FloatArray:
     """Stiffness ``(12, 12)`` of a piece of a bar between two places on its axis [N/m, N, N m].
 
     Exact for loads at its ends: extension, Saint-Venant torsion and bending with shear in both directions.
@@ -24,7 +24,7 @@ def spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, s
     Source: Timoshenko (1921); Przemieniecki (1968), section 5.6 (by inversion of the end's flexibility).
     """
     length = float(np.linalg.norm(second - first))
-    end = np.linalg.inv(end_flexibility(bar, material, length))
+    end = np.linalg.inv(_end_flexibility(bar, material, length))
     if second[bar.axis] < first[bar.axis]:
         raise ValueError("a spring runs in the direction of the bar's axis")
     stretch = np.hstack([-rigid_transfer(first, second), np.eye(6)])
@@ -32,7 +32,7 @@ def spring_stiffness(bar: PrismaticBar, material: Material, first: FloatArray, s
     return np.asarray(0.5 * (stiffness + stiffness.T))
 
 
-def end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
+def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
     """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end held [m/N, rad/N, rad/(N m)]."""
     modulus = material.youngs_modulus
     shear = modulus / (2.0 * (1.0 + material.poisson_ratio))
@@ -52,7 +52,13 @@ def end_flexibility(bar: PrismaticBar, material: Material, length: float) -> Flo
 
 
 def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray:
-    """Mass matrix ``(6, 6)`` of a rigid segment about its centre [kg, kg m^2]."""
+    """Mass matrix ``(6, 6)`` of a rigid segment about its centre [kg, kg m^2].
+
+    Args:
+        bar: Section and axis of the bar.
+        density: [kg/m^3].
+        length: Of the segment [m].
+    """
     across = in_plane_axes(bar.axis)
     mass = density * bar.area * length
     matrix = np.diag([mass, mass, mass, 0.0, 0.0, 0.0])
@@ -156,7 +162,7 @@ def chain_stiffness(chain: SegmentChain) -> FloatArray:
         carry[6:, _dofs(second.node)] = rigid_transfer(chain.places[second.node], stop)
         touched = [*range(*_dofs(first.node).indices(size)), *range(*_dofs(second.node).indices(size))]
         part = carry[:, touched]
-        stiffness[np.ix_(touched, touched)] += part.T @ spring_stiffness(chain.bar, chain.material, start, stop) @ part
+        stiffness[np.ix_(touched, touched)] += part.T @ _spring_stiffness(chain.bar, chain.material, start, stop) @ part
     return stiffness
 
 
@@ -175,8 +181,8 @@ def section_motion(chain: SegmentChain, place: float) -> FloatArray:
     before, after = chain.stations[second - 1], chain.stations[second]
     start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
     # the end force at `stop`, carried to here, bends what lies between `start` and here
-    end_force = spring_stiffness(chain.bar, chain.material, start, stop)[6:]
-    bent = end_flexibility(chain.bar, chain.material, place - before.high) @ rigid_transfer(here, stop).T @ end_force
+    end_force = _spring_stiffness(chain.bar, chain.material, start, stop)[6:]
+    bent = _end_flexibility(chain.bar, chain.material, place - before.high) @ rigid_transfer(here, stop).T @ end_force
     bent[:, :6] += rigid_transfer(start, here)
     motion[:, _dofs(before.node)] += bent[:, :6] @ rigid_transfer(chain.places[before.node], start)
     motion[:, _dofs(after.node)] += bent[:, 6:] @ rigid_transfer(chain.places[after.node], stop)

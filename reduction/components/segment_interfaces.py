@@ -47,6 +47,12 @@ def attach_interfaces(
     What a rigid interface covers moves rigidly, from edge to edge of its patches. An averaging one follows the rigid motion that
     fits its surface best, as on an elastic component.
 
+    Args:
+        component: With interfaces, material and number of segments.
+        solid: Its shape, of which the surface is sampled.
+        bar: The same as a prismatic bar: axis, section, ends.
+        properties: Centroids of the interfaces' patches.
+
     Raises:
         ValueError: Where a face lies is not known.
     """
@@ -91,15 +97,24 @@ def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
     return motion.reshape(3 * len(points), -1)
 
 
-def sample_surface(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]) -> PatchSamples:
+def _sample_surface(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]) -> PatchSamples:
     """Points on patches for area integrals of the bar's motion."""
     breaks = sorted({place for station in chain.stations for place in (station.low, station.high)})
     return sample_patches(solid, patches, chain.bar.axis, breaks)
 
 
 def traction_load(chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]) -> FloatArray:
-    """Nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2, m^3]."""
-    samples = sample_surface(chain, solid, patches)
+    """Nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2, m^3].
+
+    Args:
+        chain: The segmented bar with ``n`` nodes.
+        solid: The shape it stands for.
+        patches: Where the traction acts.
+
+    Returns:
+        ``(6 n, 3)``, a column per direction: forces [N/Pa = m^2] and moments [N m/Pa = m^3] on the nodes.
+    """
+    samples = _sample_surface(chain, solid, patches)
     motion = surface_motion(chain, samples.points).reshape(len(samples.points), 3, -1)
     return np.asarray(np.einsum("k,kin->ni", samples.areas, motion))
 
@@ -127,7 +142,7 @@ def _mean_rows(chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interf
 
     Source: as for elastic components, Kaufmann, Buxbaum and Lichtblau (2019): weights are areas.
     """
-    samples = sample_surface(chain, solid, interface.patches)
+    samples = _sample_surface(chain, solid, interface.patches)
     rigid = rigid_map(samples.points, frame.origin)
     weighted = rigid * np.repeat(samples.areas, 3)[:, None]
     radius = float(np.sqrt(samples.areas @ ((samples.points - frame.origin) ** 2).sum(axis=1) / samples.areas.sum()))

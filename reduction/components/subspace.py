@@ -40,6 +40,11 @@ def project_component(component: Component, solver: ConstrainedSolver, space: Re
 
     Its stiffness is ``[psi^T K psi, 0; 0, omega^2]``; its mass is zero where none was assembled.
 
+    Args:
+        component: Its name and reduction settings.
+        solver: Factorised operators of its mesh.
+        space: Boundary basis, means, constraint modes and fixed-interface modes that span the subspace.
+
     Source: Craig and Bampton (1968).
     """
     basis, means, modes = space.basis, space.means, space.modes

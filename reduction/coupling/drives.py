@@ -20,6 +20,11 @@ from headstock.solvers.errors import ModelError
 def place_drives(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> tuple[DriveTrain, ...]:
     """Every drive in the pose in which a machine is coupled.
 
+    Args:
+        coupled: The machine coupled in a pose.
+        machine: The same machine as described, with joints and axes.
+        drives: Each names its joint and its controller.
+
     Raises:
         ModelError: A drive's joint holds or frees its axial motion, so that no screw is there to drive.
     """

@@ -126,6 +126,14 @@ class SpringDirection:
 def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSpring:
     """Joint point, joint axes and relative-motion rows of a joint in a pose.
 
+    Args:
+        joint: Its ends, 6x6 stiffness [N/m, N/rad, N m/rad] and damping (the same times s) in joint axes.
+        machine: With the placements and axes that the joint's frame depends on.
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+
+    Returns:
+        The spring with rows ``(6, n_all)``: motion of the second end less that of the first, joint axes.
+
     Raises:
         ModelError: Both ends are ground, or a matrix is not 6x6 and finite.
     """

@@ -32,7 +32,13 @@ class CouplingMemo:
     _kept: dict[str, tuple[tuple[object, ...], Any]] = field(default_factory=dict)
 
     def recall[T](self, name: str, made_of: tuple[object, ...], make: Callable[[], T]) -> T:
-        """What ``make`` gives; that of the last call of this name where arrays are equal to those it had, and the rest is the same."""
+        """A value made anew, or that of the last call of this name where it was made of the same: arrays equal, the rest identical.
+
+        Args:
+            name: One per kind of value.
+            made_of: All that the value depends on.
+            make: Makes the value; it must depend on nothing else.
+        """
         kept = self._kept.get(name)
         if kept is not None and len(kept[0]) == len(made_of) and all(map(_same, kept[0], made_of)):
             value: T = kept[1]
@@ -88,6 +94,15 @@ def sum_stiffness(
 
     A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the others its row is zero but for
     roundoff, which times its stiffness would drown a soft spring.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        matrices: Matrices of each component in machine axes.
+        elimination: Free coordinates, and which spring groups each of them stretches.
+        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
+        grading: Groups of springs of like stiffness.
+        weights: Factor by name of component and joint, such as loss factors; None for 1.
+        memo: Keeps the components' sum for the next pose; None for no memory. Not used with weights.
     """
     weigh = _unit_weight if weights is None else weights.__getitem__
     basis = elimination.basis
@@ -115,14 +130,30 @@ def sum_hysteretic(
     grading: SpringGrading,
     loss_factors: Mapping[str, float],
 ) -> FloatArray | None:
-    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part, or None without any."""
+    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part [N/m]; None without any.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        matrices: Matrices of each component in machine axes.
+        elimination: Free coordinates, and which spring groups each of them stretches.
+        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
+        grading: Groups of springs of like stiffness.
+        loss_factors: ``eta`` by name of component and joint.
+    """
     if not any(loss_factors.values()):
         return None
     return sum_stiffness(layout, matrices, elimination, springs, grading, loss_factors)
 
 
 def sum_mass(layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, memo: CouplingMemo | None = None) -> FloatArray:
-    """Mass ``(n, n)`` of the components."""
+    """Mass ``(n, n)`` of the components.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        matrices: Matrices of each component in machine axes.
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        memo: Keeps the sum for the next pose; None for no memory.
+    """
     return _recall_sum(layout, matrices.masses, basis, "mass", memo)
 
 
@@ -136,7 +167,14 @@ def _recall_sum(
 def sum_damping(
     layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, springs: Sequence[JointSpring]
 ) -> FloatArray | None:
-    """Viscous damping ``(n, n)`` of components and joints, or None without any."""
+    """Viscous damping ``(n, n)`` of components and joints, or None without any.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        matrices: Matrices of each component in machine axes.
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
+    """
     dampers = [spring for spring in springs if np.any(spring.damping)]
     if not matrices.dampings and not dampers:
         return None

@@ -53,7 +53,13 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
 
 
 def stack_modes(system: SecondOrderSystem, modes: ModalResult, coupled: CoupledMachine) -> PosedModes:
-    """A system with its modes in the stacked dofs of the components, which are the same in every pose of a path."""
+    """A system with its modes in the stacked dofs of the components, which are the same in every pose of a path.
+
+    Args:
+        system: The machine in one pose, ``n`` free coordinates, with its path input.
+        modes: Its natural modes ``(n, m)``.
+        coupled: The coupling with the basis ``(n_all, n)`` and the masses of the components.
+    """
     motions = coupled.basis @ modes.shapes
     momenta = np.zeros_like(motions)
     for name, own in coupled.offsets.items():

@@ -24,6 +24,12 @@ def machine_ports(
 
     Every interface is a port ``("component.interface", dof)``; every point is one as tool less work, at the tool. Where names are
     wanted, only those.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        machine: With its points.
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        wanted: Names of interfaces (``component.interface``) and points; None for all.
     """
     ends = [
         JointEnd(name, interface)
@@ -57,7 +63,14 @@ def point_rows(layout: DofLayout, point: Point) -> FloatArray:
 def machine_loads(
     layout: DofLayout, machine: Machine, matrices: ComponentMatrices, basis: FloatArray, gravity: FloatArray | None
 ) -> dict[str, FloatArray]:
-    """Generalised load ``(n,)`` of every load of the machine, and of gravity where it acts.
+    """Generalised load ``(n,)`` of every load of the machine by name, and of gravity where it acts.
+
+    Args:
+        layout: Places of the components' dofs among the ``n_all`` stacked ones.
+        machine: With its loads.
+        matrices: Matrices of each component in machine axes; their masses weigh gravity.
+        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
 
     Raises:
         ModelError: A superelement was reduced without a load that acts on it.

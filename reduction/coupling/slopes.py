@@ -68,6 +68,11 @@ class Selection:
 def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> StackedPieces:
     """The wanted parts of a machine as placed.
 
+    Args:
+        layout: Placed superelements with ``n_all`` stacked dofs.
+        machine: Joints and points.
+        wanted: Names of the components, joints and observers that are taken.
+
     Raises:
         ModelError: A joint or an observer names what does not exist.
     """
@@ -88,7 +93,7 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
         rows={spring.name: spring.rows for spring in joints},
         springs={spring.name: spring.stiffness for spring in joints},
         constraints=constraints,
-        observers={name: observer_rows(layout, machine, name) for name in wanted.observers},
+        observers={name: _observer_rows(layout, machine, name) for name in wanted.observers},
     )
 
 
@@ -109,7 +114,7 @@ def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]
     )
 
 
-def observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
+def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
     """Rows ``(6, n_all)`` of the motion of a point, an interface or a component.
 
     Raises:

@@ -111,7 +111,16 @@ def _trial_space(system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], 
 
 
 def new_directions(block: FloatArray, space: FloatArray, mass: FloatArray) -> FloatArray:
-    """M-orthonormal directions of a block that an M-orthonormal space does not hold yet."""
+    """M-orthonormal directions that a block adds to an M-orthonormal space; those it shares with the space fall away.
+
+    Args:
+        block: ``(n, k)`` directions of any length.
+        space: ``(n, m)`` with ``space^T M space = I``.
+        mass: ``M``, ``(n, n)``.
+
+    Returns:
+        ``(n, r)`` with ``r <= k``.
+    """
     sizes = np.sqrt(np.einsum("ij,ij->j", block, mass @ block))
     block = block / np.where(sizes > 0.0, sizes, 1.0)
     for _ in range(2):

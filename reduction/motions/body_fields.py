@@ -82,9 +82,17 @@ def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray
 
 
 def machine_field(coupled: CoupledMachine, places: Mapping[str, BodyPlaces], shapes: FloatArray) -> FloatArray:
-    """Motions ``(3 k, m)`` of all places in machine axes, each times the root of its mass, for shapes ``(n, m)``.
+    """Motions of all places in machine axes, each times the root of its mass.
 
     The scalar product of two columns is the kinetic energy they share, so mass-normalised modes have length one.
+
+    Args:
+        coupled: The machine with ``n`` free coordinates.
+        places: By component, points in its frame [m] and the mass that each stands for [kg].
+        shapes: ``(n, m)`` in free coordinates.
+
+    Returns:
+        ``(3 k, m)`` for ``k`` points in all, component by component.
     """
     stacked = coupled.basis @ shapes
     parts = []

@@ -48,13 +48,19 @@ def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
 
 
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
-    """Dofs ``(n_c, 6)`` of a component when it moves rigidly, six motions at a point, machine axes."""
+    """Dofs ``(n_c, 6)`` of a component when it moves rigidly: three unit displacements and three unit rotations, machine axes.
+
+    Args:
+        coupled: The machine.
+        name: The component.
+        point: ``(3,)`` point about which it rotates, machine frame [m].
+    """
     superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
     own = rigid_motions(superelement, placement.rotation.T @ (point - placement.origin)) @ rotate_dofs(placement.rotation.T)
     return np.asarray(turn_dofs(superelement, placement).T @ own)
 
 
-def body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:
+def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:
     """Split a component's part of a stacked motion ``(n_all,)`` into rigid motion and deformation.
 
     The rigid part is the one nearest in the norm of the mass matrix (of the boundary dofs where the component has no mass).
@@ -77,7 +83,7 @@ def body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> Body
 
 def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMotion, ...]:
     """The motion of every component that has dofs."""
-    return tuple(body_motion(coupled, name, stacked) for name in coupled.offsets)
+    return tuple(_body_motion(coupled, name, stacked) for name in coupled.offsets)
 
 
 def join_names(names: Sequence[str], limit: int = 4) -> str:

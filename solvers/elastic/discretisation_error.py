@@ -368,11 +368,6 @@ def sees_errors(mesh: ComponentMesh) -> bool:
     return float(spans.prod(axis=1)[thick].sum()) <= BLIND_SHARE * float(spans.prod(axis=1).sum())
 
 
-def estimate_missing_energy(mesh: ComponentMesh, material: Material, displacement: FloatArray) -> FloatArray:
-    """Energy products of the discretisation errors of displacement fields alone, see ``estimate_mesh_errors``."""
-    return estimate_mesh_errors(mesh, material, displacement).missing_energy
-
-
 def estimate_mesh_errors(
     mesh: ComponentMesh, material: Material, displacement: FloatArray, weights: FloatArray | None = None
 ) -> MeshErrors:

@@ -166,7 +166,16 @@ def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
 
 
 def convert_receptance(receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion) -> ComplexArray:
-    """Receptance, mobility or accelerance ``(n_freq, n_outputs, n_inputs)``: displacement, velocity or acceleration per unit load."""
+    """A receptance as receptance, mobility or accelerance: displacement, velocity or acceleration per unit load.
+
+    Args:
+        receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/N, ...].
+        frequencies_hz: ``(n_freq,)`` [Hz].
+        motion: What the result is per unit load.
+
+    Returns:
+        ``(n_freq, n_outputs, n_inputs)``, the receptance times ``(i omega)^0``, ``^1`` or ``^2``.
+    """
     factor = (2j * np.pi * frequencies_hz) ** DERIVATIVES[motion]
     return np.asarray(receptance * factor[:, None, None])
 

@@ -64,10 +64,10 @@ def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz
     if len(system.mass) == 0:
         raise ModelError("no dof is left: every motion is held by rigid joints")
     limit = None if up_to_hz is None else (2.0 * np.pi * up_to_hz) ** 2
-    return finish_modes(system, solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit), up_to_hz)
+    return _finish_modes(system, solve_symmetric_modes(system.stiffness, system.mass, wanted=count, up_to=limit), up_to_hz)
 
 
-def finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None) -> ModalResult:
+def _finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float | None) -> ModalResult:
     """Frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
 
     Raises:
@@ -84,7 +84,13 @@ def finish_modes(system: SecondOrderSystem, pairs: ModalPairs, up_to_hz: float |
 
 
 def keep_lowest(modes: ModalResult, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
-    """The lowest of all modes: at most a count of them, and those up to a frequency [Hz]; rigid-body modes stay with the latter."""
+    """The lowest of all modes, without solving anew.
+
+    Args:
+        modes: Modes in rising order.
+        count: Keep at most this many, rigid-body modes counted; None keeps all.
+        up_to_hz: Keep modes up to this frequency [Hz], rigid-body modes always; both limits hold when both are given.
+    """
     kept = len(modes.frequencies_hz) if count is None else min(count, len(modes.frequencies_hz))
     if up_to_hz is not None:
         kept = min(kept, max(modes.rigid_count, int(np.searchsorted(modes.frequencies_hz, up_to_hz, side="right"))))
@@ -124,6 +130,11 @@ def solve_lowest_modes(system: SecondOrderSystem, *, count: int | None = None, u
     ``M x = mu K x`` is reduced by ``K = L L^T`` to one symmetric matrix, of which LAPACK finds the largest eigenvalues only. Where the
     answer may not be good enough (free motions, a wide spread) ``solve_modal`` takes over.
 
+    Args:
+        system: Mass and stiffness as for ``solve_modal``; damping is left out.
+        count: Keep at most this many, rigid-body modes counted; None keeps all.
+        up_to_hz: Keep modes up to this frequency [Hz]; both limits hold when both are given.
+
     Raises:
         ModelError, ConvergenceError, AccuracyError: As ``solve_modal``.
 
@@ -134,7 +145,7 @@ def solve_lowest_modes(system: SecondOrderSystem, *, count: int | None = None, u
         pairs = _largest_flexibilities(system.stiffness, system.mass, count, up_to_hz)
     if pairs is None:
         return solve_modal(system, count=count, up_to_hz=up_to_hz)
-    return finish_modes(system, pairs, up_to_hz)
+    return _finish_modes(system, pairs, up_to_hz)
 
 
 def _largest_flexibilities(stiffness: FloatArray, mass: FloatArray, count: int | None, up_to_hz: float | None) -> ModalPairs | None:

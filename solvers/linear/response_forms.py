@@ -73,7 +73,7 @@ class ModalSum:
         singular = np.hypot(real, imaginary) <= SINGULAR * (self.squares + square)
         weights = np.where(singular, 0.0, 1.0 / np.where(singular, 1.0, real + 1j * imaginary))
         found: ComplexArray = np.tensordot(weights, self.residues + 0j, axes=1) + self.rest.evaluate(omega)
-        return blank_singular(found, singular, self.seen)
+        return _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
         """Pole of each mode at positive frequencies [rad/s]; of an overdamped one the slower."""
@@ -110,7 +110,7 @@ def see_modes(rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray)
     return np.asarray(moved.T[:, :, None] & pushed[:, None, :])
 
 
-def blank_singular(values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]) -> ComplexArray:
+def _blank_singular(values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]) -> ComplexArray:
     """NaN in place of what a singular mode ``(n_freq, m)`` that takes part ``(m, n_outputs, n_inputs)`` has spoilt."""
     lost = np.tensordot(singular.astype(float), seen.astype(float), axes=1) > 0.0
     return np.where(lost, np.nan, values)
@@ -149,7 +149,7 @@ class PoleSum:
             above = np.abs(product).min(axis=1, initial=np.inf) > 1.0
             weights[above] = 1.0 / (1j * omega[above, None] * (1.0 - product[above]))
         found = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
-        return blank_singular(found, singular, self.seen)
+        return _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
         """Poles at positive frequencies, and real ones [rad/s]."""

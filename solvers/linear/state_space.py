@@ -96,7 +96,16 @@ def to_state_space(
 
 
 def modal_state_space(coordinates: ModalCoordinates, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> StateSpace:
-    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is ``p'``."""
+    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is ``p'``.
+
+    Args:
+        coordinates: ``m`` modes with their input and output matrices and the residual flexibility of those left out.
+        inputs: Name of each column of ``B`` and ``D``.
+        outputs: Name of each row of ``C`` and ``D``.
+
+    Returns:
+        ``A (2 m, 2 m)``, ``B``, ``C``, ``D``; for a rigid-body mode ``omega`` is that of the lowest elastic one, as a mere scale.
+    """
     squares, count = coordinates.squares, len(coordinates.squares)
     lowest = float(np.sqrt(squares[squares > 0.0].min(initial=np.inf)))
     scales = np.where(squares > 0.0, np.sqrt(squares), lowest if np.isfinite(lowest) else 1.0)

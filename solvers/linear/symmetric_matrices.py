@@ -132,6 +132,11 @@ def absolute_product(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
 def require_symmetric(matrix: FloatArray, what: str, remedy: str) -> None:
     """Refuse a matrix that a symmetric solver would silently symmetrise.
 
+    Args:
+        matrix: ``(n, n)`` in any unit.
+        what: Which matrix, for the message: ``stiffness``, ``mass``.
+        remedy: End of the message: what the user can do.
+
     Raises:
         ModelError: A value is not finite, or the matrix is not symmetric.
     """

@@ -89,7 +89,19 @@ def gravity_stiffness(model: CompliantMechanism, states: FloatArray) -> FloatArr
 
 
 def mark_motion(model: CompliantMechanism, motions: SmallMotions, mark: str) -> FloatArray:
-    """``(..., 6, c)`` motion of a mark's origin and its turning per compliant coordinate, in the ground frame of the chains."""
+    """Motion of a mark per compliant coordinate, in the ground frame of the chains.
+
+    Args:
+        model: The mechanism.
+        motions: Its small motions about poses ``(...)`` with ``c`` compliant coordinates.
+        mark: Name of the mark.
+
+    Returns:
+        ``(..., 6, c)``: displacement of the mark's origin, then its rotation.
+
+    Raises:
+        ValueError: There is no such mark.
+    """
     place = model.mechanism.marks.index(mark)
     kinematics = motions.kinematics
     return np.asarray(
@@ -122,7 +134,16 @@ def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
 
 
 def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
-    """Damping ``(..., c, c)`` with a ratio for the first, second, ... mode, the last for all others [N s/m]."""
+    """Viscous damping matrix that gives each natural mode its damping ratio: ``sum 2 zeta_k omega_k M x_k x_k^T M``.
+
+    Args:
+        motions: Small motions about poses ``(...)``, of which the mass is used.
+        modes: Natural modes there, mass-normalised.
+        ratios: ``(r,)`` damping ratio of the first, second, ... mode, the last for all others.
+
+    Returns:
+        ``(..., c, c)`` [N s/m].
+    """
     spread = motions.mass @ modes.shapes
     zeta = np.concatenate([ratios, np.full(spread.shape[-1], ratios[-1])])[: spread.shape[-1]]
     return np.asarray((spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :]) @ np.swapaxes(spread, -1, -2))

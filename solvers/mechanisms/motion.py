@@ -41,6 +41,11 @@ class PartitionedMotion:
     def at(self, time: float, give: FloatArray, rates: FloatArray) -> PartitionedDynamics:
         """Equations of motion at a time and state.
 
+        Args:
+            time: [s].
+            give: ``(c,)`` compliant coordinates [m, rad].
+            rates: ``(c,)`` their velocities [m/s, rad/s].
+
         Raises:
             SingularPoseError: The passive coordinates are undetermined.
         """
@@ -53,7 +58,16 @@ class PartitionedMotion:
             raise SingularPoseError(f"at t = {time:.6g} s: {error}; the motion ends at a singular pose") from error
 
     def accelerations(self, time: float, give: FloatArray, rates: FloatArray) -> FloatArray:
-        """``(c,)`` of the compliant coordinates [m/s^2]."""
+        """Accelerations ``(c,)`` of the compliant coordinates [m/s^2, rad/s^2].
+
+        Args:
+            time: [s].
+            give: ``(c,)`` compliant coordinates [m, rad].
+            rates: ``(c,)`` their velocities [m/s, rad/s].
+
+        Raises:
+            SingularPoseError: The passive coordinates are undetermined.
+        """
         motion = self.at(time, give, rates)
         return np.asarray(np.linalg.solve(motion.mass, self._balance(motion, give, rates)))
 
@@ -66,7 +80,16 @@ class PartitionedMotion:
         return np.concatenate([rates, accelerations, [self._power(time, motion, rates, accelerations)]])
 
     def energy(self, time: float, give: FloatArray, rates: FloatArray) -> float:
-        """Kinetic, gravity and spring energy [J]."""
+        """Kinetic, gravity and spring energy [J].
+
+        Args:
+            time: [s].
+            give: ``(c,)`` compliant coordinates [m, rad].
+            rates: ``(c,)`` their velocities [m/s, rad/s].
+
+        Raises:
+            SingularPoseError: The passive coordinates are undetermined.
+        """
         motion = self.at(time, give, rates)
         kinetic = kinetic_energy(motion.dynamics, motion.rates)
         springs = 0.5 * (motion.stiffness * give**2).sum()
@@ -89,7 +112,16 @@ class PartitionedMotion:
         return Linearisation(motion.mass, _damping(self.model, size), np.diag(motion.stiffness), np.zeros((0, size)))
 
     def start(self, time: float, give: FloatArray, rates: FloatArray) -> MotionState:
-        """A consistent start."""
+        """A consistent start: accelerations from the equations of motion.
+
+        Args:
+            time: [s].
+            give: ``(c,)`` compliant coordinates [m, rad].
+            rates: ``(c,)`` their velocities [m/s, rad/s].
+
+        Raises:
+            SingularPoseError: The passive coordinates are undetermined.
+        """
         return MotionState(time, give, rates, self.accelerations(time, give, rates), np.zeros(0))
 
     def _balance(self, motion: PartitionedDynamics, give: FloatArray, rates: FloatArray) -> FloatArray:
@@ -151,6 +183,11 @@ class ConstrainedMotion:
     def start(self, time: float, position: FloatArray, velocity: FloatArray) -> MotionState:
         """A consistent start: accelerations and multipliers from the equations of motion and the closures' second derivative.
 
+        Args:
+            time: [s].
+            position: ``(n_free,)`` passive and compliant coordinates with the loops closed [m, rad].
+            velocity: ``(n_free,)`` their velocities, consistent with the closures [m/s, rad/s].
+
         Raises:
             SingularPoseError: The closures are redundant there, so that multipliers are not unique.
         """
@@ -211,6 +248,15 @@ def project_start(
     problem: ConstrainedMotion, time: float, position: FloatArray, velocity: FloatArray
 ) -> tuple[MotionState, StartReport]:
     """A consistent start near a given one: passive coordinates by Newton's method, velocities by least kinetic energy of the change.
+
+    Args:
+        problem: The equations of motion with the law of the drives.
+        time: [s].
+        position: ``(n_free,)`` passive and compliant coordinates near a closed state [m, rad].
+        velocity: ``(n_free,)`` their velocities [m/s, rad/s].
+
+    Returns:
+        The start, and by how much the given one missed the closures and was changed.
 
     Raises:
         ClosureError: The loops cannot be closed from there.

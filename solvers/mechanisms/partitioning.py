@@ -86,7 +86,17 @@ def velocity_maps(mechanism: Mechanism, closures: FloatArray) -> tuple[FloatArra
 def compose_state(
     mechanism: Mechanism, driven: FloatArray, compliant: FloatArray, guess: FloatArray
 ) -> tuple[FloatArray, Kinematics]:
-    """All coordinates ``(..., n)``, the passive ones from the closures, near a guess ``(..., n)``; and the kinematics there."""
+    """All coordinates of a mechanism, the passive ones from the closures, and the kinematics there.
+
+    Args:
+        mechanism: With ``n`` coordinates: ``u`` driven, ``v`` passive and ``c`` compliant ones.
+        driven: ``(..., u)`` [m, rad].
+        compliant: ``(..., c)`` [m, rad].
+        guess: ``(..., n)`` or ``(n,)`` closed state nearby, which decides the branch of the passive coordinates.
+
+    Raises:
+        ClosureError: The loops cannot be closed from there.
+    """
     state = np.array(np.broadcast_to(guess, (*driven.shape[:-1], guess.shape[-1])), dtype=np.result_type(driven, compliant, guess))
     state[..., mechanism.driven_slice], state[..., mechanism.compliant_slice] = driven, compliant
     return close_kinematics(mechanism, state)

@@ -116,7 +116,13 @@ def linear_motion(model: CompliantMechanism, drive: PathDrive, times: FloatArray
 def march_linear(
     motion: LinearMotion, load: FloatArray, *, scheme: AlphaScheme | None = None, regeneration: Regeneration | None = None
 ) -> GiveHistory:
-    """Generalised-α steps of the linear model under a load ``(n, c)``, from static rest at the first instant.
+    """Generalised-α steps of the linear model, from static rest at the first instant.
+
+    Args:
+        motion: The linear model at ``n`` even steps.
+        load: ``(n, c)`` generalised load [N, N m].
+        scheme: Parameters of the generalised-α method; None for a spectral radius of 0.9.
+        regeneration: Cutting force by the wave that the last tooth left; None for a load that depends on time alone.
 
     Raises:
         ConvergenceError: The motion grows without bound, as regeneration can make it.
@@ -155,6 +161,14 @@ def refine_motion(
 ) -> GiveHistory:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
 
+    Args:
+        model: The mechanism.
+        drive: What its drives do.
+        motion: Its linear model at ``n`` even steps, the approximate derivative.
+        force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
+        first: The solution of the linear model.
+        scheme: Parameters of the generalised-α method, as in the first solution; None for a spectral radius of 0.9.
+
     Raises:
         ConvergenceError: The sweeps do not settle.
     """
@@ -173,7 +187,17 @@ def refine_motion(
 
 
 def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, give: FloatArray) -> FloatArray:
-    """``(n, 3)`` tool point of the mechanism that gives less that of the rigid one [m], ground frame of the chains."""
+    """Tool point of the compliant mechanism less that of the rigid one, ground frame of the chains.
+
+    Args:
+        model: The mechanism.
+        drive: What its drives do.
+        times: ``(n,)`` [s].
+        give: ``(n, c)`` compliant coordinates then [m, rad].
+
+    Returns:
+        ``(n, 3)`` [m].
+    """
     tool = model.mechanism.marks.index(model.tool)
     gaps = []
     for part in chunk_slices(len(times)):
@@ -189,7 +213,18 @@ def tool_gaps(model: CompliantMechanism, drive: PathDrive, times: FloatArray, gi
 def drive_forces(
     model: CompliantMechanism, drive: PathDrive, times: FloatArray, history: GiveHistory, force: FloatArray
 ) -> FloatArray:
-    """``(n, u)`` forces of the drives [N, N m] in a motion that has been solved (eq. 14)."""
+    """Forces of the drives in a motion that has been solved (eq. 14 of Bonnemains et al. 2010).
+
+    Args:
+        model: The mechanism.
+        drive: What its drives do.
+        times: ``(n,)`` [s].
+        history: The compliant coordinates then.
+        force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
+
+    Returns:
+        ``(n, u)`` per driven coordinate [N, N m].
+    """
     found = []
     for part in chunk_slices(len(times)):
         moving, guess = (history.give[part], history.rate[part]), drive.rigid_states(times[part])
@@ -289,7 +324,16 @@ def _nodes(times: FloatArray, spacing: float) -> FloatArray:
 
 
 def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation of ``(k, ...)`` values at even nodes."""
+    """Linear interpolation between even nodes; beyond the first and last node the outermost line goes on.
+
+    Args:
+        times: ``(n,)`` [s].
+        nodes: ``(k,)`` even times, ``k >= 2`` [s].
+        values: ``(k, ...)`` at the nodes.
+
+    Returns:
+        ``(n, ...)``.
+    """
     place = (times - nodes[0]) / (nodes[1] - nodes[0])
     left = np.clip(place.astype(np.intp), 0, len(nodes) - 2)
     share = (place - left).reshape(-1, *([1] * (values.ndim - 1)))

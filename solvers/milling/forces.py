@@ -92,7 +92,19 @@ def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Floa
 
 
 def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> FloatArray:
-    """As :func:`cutting_forces` at even steps from time zero, each turn's angles evaluated once where chips grow with the feed."""
+    """As :func:`cutting_forces` at even steps from time zero, each turn's angles evaluated once where chips grow with the feed.
+
+    Args:
+        cut: Tool, material and engagement.
+        steps_per_turn: Steps per revolution of the spindle.
+        feed: ``(n,)`` feed rate at the steps [m/s]; no force where it is zero.
+
+    Returns:
+        ``(n, 3)`` force on the tool [N]: along the travel, away from the part, upwards.
+
+    Raises:
+        ModelError: The tool cannot stand so deep in the part.
+    """
     turn = 2.0 * np.pi / cut.spindle
     if cut.mill.runout > 0.0 or len(feed) < 2 * steps_per_turn:
         return cutting_forces(cut, np.arange(len(feed)) * turn / steps_per_turn, feed)
@@ -119,7 +131,16 @@ def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
 
 
 def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatArray:
-    """``(teeth,)`` by how much each tooth stands out further than the one so many before it, whose surface it cuts [m]."""
+    """By how much each tooth stands out further, owing to runout, than an earlier one whose surface it cuts.
+
+    Args:
+        mill: The tool.
+        lag: ``(teeth,)`` angle of each tooth behind the first [rad].
+        back: How many teeth before it the other one passed.
+
+    Returns:
+        ``(teeth,)`` [m].
+    """
     radii = mill.runout * np.cos(lag + mill.runout_angle)
     # angles fall: the tooth with the larger lag has passed earlier
     return np.asarray(radii - np.roll(radii, -back))

@@ -93,6 +93,11 @@ def smooth_samples(times: FloatArray, samples: FloatArray, spacing: float) -> sc
     Measured leg lengths must not be differenced twice: a micrometre of noise at 1 kHz becomes metres per second squared. A spline
     with fewer knots than samples has derivatives that are as smooth as its knots allow, and leaves the rest as residual.
 
+    Args:
+        times: ``(n,)`` rising [s].
+        samples: ``(n, u)`` or ``(n,)`` driven coordinates [m, rad].
+        spacing: Distance of the knots [s]; rounded so that they divide the time evenly.
+
     Raises:
         ModelError: Times do not rise, values are not finite, or there are too few samples between knots.
     """

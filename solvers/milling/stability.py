@@ -94,7 +94,13 @@ def floquet_multipliers(tip: TipDynamics, gains: FloatArray, period: float, *, p
 
 
 def largest_multiplier(tip: TipDynamics, gains: FloatArray, period: float) -> float:
-    """Size of the largest multiplier: the cut is stable below one."""
+    """Size of the largest Floquet multiplier: the cut is stable below one.
+
+    Args:
+        tip: The system.
+        gains: ``(m, r, p)`` mean of ``G`` over each of ``m`` steps: force per motion since the last period [N/m].
+        period: Time from tooth to tooth, which is the delay too [s].
+    """
     return float(np.abs(floquet_multipliers(tip, gains, period)).max())
 
 

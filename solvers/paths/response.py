@@ -62,7 +62,13 @@ class PathModel:
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
-    """Instants ``(n,)`` from the beginning of a move to so long after its end [s]."""
+    """Evenly spaced instants ``(n,)`` [s] from the beginning of a move until its vibration has been followed for long enough.
+
+    Args:
+        move: The move.
+        sampling_hz: Samples per second [Hz].
+        settle: Time after the end of the move [s].
+    """
     return np.asarray(np.arange(int(np.ceil((move.duration + settle) * sampling_hz - SAME_INSTANT)) + 1) / sampling_hz, dtype=float)
 
 

@@ -88,6 +88,11 @@ class PathMotion:
 def plan_move(distance: float, feed: float, ramp: Ramp) -> SetPoint:
     """The move over a distance.
 
+    Args:
+        distance: Length of the way [m].
+        feed: Speed along it [m/s].
+        ramp: How the feed is reached and left.
+
     Raises:
         ModelError: The feed is never reached.
     """

@@ -61,7 +61,15 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
 
 
 def exact_step(station: Station, scales: FloatArray, size: float) -> FloatArray:
-    """State after a step ``(2m, 2m + 2)`` from the state ``(scale q, q')`` and the acceleration at both its ends.
+    """Exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2)``.
+
+    It gives the state ``(scale q, q')`` after the step from the state before it and the accelerations along the path at its
+    beginning and end, between which they are linear.
+
+    Args:
+        station: Modal matrices of ``m`` modes at that position.
+        scales: ``(m,)`` [rad/s] that make displacements as large as velocities.
+        size: Length of the step [s].
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
