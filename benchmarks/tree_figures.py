@@ -9,7 +9,8 @@ What is counted, over the layers (folders linked below ``.typing/headstock``), n
 - tuple bundle: a parameter, or what a function returns, is annotated ``tuple[...]`` with three or more entries that are not all
   alike. Where such a tuple goes on by position, the type checker does not see two entries of one type that changed places;
 - positional splat: ``f(a, *rest)`` where ``f`` is a function or class of this tree that takes named parameters only;
-- undescribed function: public, at module level or a method, three or more parameters (``self`` aside), no ``Args:``.
+- undescribed function: public, at module level or a method, three or more parameters (``self`` aside), no ``Args:``. Not counted are the
+  commands of the command line: typer prints their docstring as the help text and describes each parameter by its own ``help=``.
 """
 
 import argparse
@@ -217,12 +218,23 @@ def _find_splats(tree: Tree) -> Iterator[str]:
 
 
 def _find_undescribed(tree: Tree) -> Iterator[str]:
+    commands = set(_list_commands(tree))
     for module, code in tree.modules.items():
         owners: list[ast.Module | ast.ClassDef] = [code, *(node for node in code.body if isinstance(node, ast.ClassDef))]
         for node in (node for owner in owners for node in owner.body if isinstance(node, Function)):
             given = [each.arg for each in _parameters(node) if each.arg not in ("self", "cls")]
-            if len(given) >= BUNDLE and not node.name.startswith("_") and "Args:" not in (ast.get_docstring(node) or ""):
+            told = node.name.startswith("_") or f"{module}.{node.name}" in commands or "Args:" in (ast.get_docstring(node) or "")
+            if len(given) >= BUNDLE and not told:
                 yield f"{module}:{node.lineno} {node.name}"
+
+
+def _list_commands(tree: Tree) -> Iterator[str]:
+    """Full names of the functions in a tuple ``COMMANDS``, which the command line registers."""
+    for module, code in tree.modules.items():
+        for node in code.body:
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "COMMANDS" and isinstance(node.value, ast.Tuple):
+                owned = [each for each in node.value.elts if isinstance(each, ast.Attribute)]
+                yield from (f"{tree.imports[module].get(ast.unparse(each.value), '')}.{each.attr}" for each in owned)
 
 
 def main() -> None:

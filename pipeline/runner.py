@@ -119,7 +119,13 @@ class _Rounds:
         self._start = time.perf_counter()
 
     def run(self, scene: Scene, plan: Plan, reduced: Mapping[str, ReducedComponent] | None = None) -> RunState:
-        """Run every stage of a plan but the last, which writes; those of components only where they are not reduced yet."""
+        """Run every stage of a plan but the last, which writes; those of components only where they are not reduced yet.
+
+        Args:
+            scene: The scene.
+            plan: Its stages.
+            reduced: Components of an earlier round that serve again; None where all are to be made.
+        """
         state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
         for message in (*scene.warnings, *plan.warnings):
             state.warn(message)
@@ -131,7 +137,13 @@ class _Rounds:
         return state
 
     def run_stage(self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]) -> None:
-        """Announce a stage of the machine, do its work, and record what it cost."""
+        """Announce a stage of the machine, do its work, and record what it cost.
+
+        Args:
+            state: What the stages hand on.
+            stage: One of the plan's.
+            work: Does it and tells what became of it.
+        """
         run_stage(state, stage, work, announce=self._begin, observer=self._record)
 
     def _begin(self, stage: Stage) -> None:
@@ -202,7 +214,13 @@ def gather_results(
 
 
 def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> ComponentFacts:
-    """What became of a component of a run."""
+    """What became of a component of a run.
+
+    Args:
+        state: Of the run, with its plan.
+        name: The component.
+        reduced: What it was reduced to, with the quality of its mesh.
+    """
     superelement, quality = reduced.superelement, reduced.quality
     component = state.plan.components[name]
     mass = superelement.mass_kg

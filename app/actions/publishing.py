@@ -50,7 +50,7 @@ def publish_run(
     store = Store(default_store_root())
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, folder, view, store) if figures else None
-        remarks = [*write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary["modal"], view)]
+        remarks = [*_write_tables(folder, summary, curves, paths), *write_mode_files(folder, summary["modal"], view)]
         drawn = drawing.result() if drawing is not None else Drawing({})
     images = {**(more.images if more is not None else {}), **drawn.images}
     remarks += replace_outputs(folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()})
@@ -65,7 +65,14 @@ def publish_again(
     curves: Sequence[ResponseCurves] = (),
     paths: Sequence[PathCurves] = (),
 ) -> list[str]:
-    """The same from the files of a run, with the pictures of all modes and every chart; remarks for the user.
+    """Report, tables, modes and pictures anew from the files of a run, with all modes and every chart; remarks for the user.
+
+    Args:
+        folder: Folder of results.
+        summary: Content of ``summary.json``.
+        view: What there is to draw.
+        curves: Of the frequency responses.
+        paths: Of the path analysis.
 
     Raises:
         OutputError: The summary is not one that this version writes, or a file cannot be written.
@@ -81,7 +88,7 @@ def publish_again(
     return publish_run(folder, summary, view, curves, paths, more=draw_pictures(folder, "all"))
 
 
-def write_tables(
+def _write_tables(
     folder: Path, summary: RunSummary, curves: Sequence[ResponseCurves] = (), paths: Sequence[PathCurves] = ()
 ) -> list[str]:
     """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the user.

@@ -43,7 +43,14 @@ class Picture:
 
 
 def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
-    """The machine at rest, coloured by component, with its joints and points."""
+    """The machine at rest, coloured by component, with its joints and points.
+
+    Args:
+        name: Stem of its file.
+        view: Surface of each component.
+        pose: Placements, joints and points in the pose.
+        size: Width and height in pixels.
+    """
     points, triangles, edges = _assemble(view, pose)
     palette = [[int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for color in component_colors(view).values()]
     colors = np.repeat(palette, [len(skin.points) for skin in view.skins.values()], axis=0)
@@ -53,7 +60,15 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
 
 
 def mode_picture(name: str, view: MachineView, pose: PoseView, index: int, size: tuple[int, int]) -> Picture:
-    """A mode at its turning point, coloured by displacement."""
+    """A natural mode at its turning point, coloured by displacement, with the undeformed machine as edges.
+
+    Args:
+        name: Stem of its file.
+        view: Surface of each component.
+        pose: Placements and mode shapes in the pose.
+        index: Which mode, from zero.
+        size: Width and height in pixels.
+    """
     points, triangles, edges = _assemble(view, pose)
     shift = np.vstack([pose.shifts[part][index] for part in view.skins]).astype(float)
     largest = largest_shift([shift])

@@ -71,6 +71,14 @@ def write_report(
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
+    Args:
+        folder: Folder of results.
+        summary: Content of ``summary.json``.
+        view: What there is to draw; without it the report has no machine view.
+        stills: Pose to a PNG of the machine, for browsers without WebGL and for paper.
+        curves: Of the frequency responses.
+        paths: Of the path analysis.
+
     Raises:
         OutputError: It cannot be written.
     """

@@ -18,7 +18,14 @@ CLEAR = "\r\x1b[K"
 
 
 def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str:
-    """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was expected."""
+    """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was expected.
+
+    Args:
+        label: The stage.
+        elapsed: Since it began [s].
+        expected: Estimate for all of it [s]; zero for none.
+        columns: Width of the terminal.
+    """
     text = f"  {label:<26} "
     if expected > 0.0:
         ratio = elapsed / expected
@@ -30,7 +37,13 @@ def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str
 
 
 def render_line(label: str, elapsed: float, expected: float) -> str:
-    """One line for a log."""
+    """One line for a log.
+
+    Args:
+        label: The stage.
+        elapsed: Since it began [s].
+        expected: Estimate for all of it [s]; zero for none.
+    """
     about = f", about {expected:.0f} s expected" if expected > 0.0 else ""
     return f"  {label:<26} for {elapsed:.0f} s{about}"
 

@@ -65,7 +65,14 @@ class Verdict:
 
 
 def judge_round(scene: Scene, state: RunState, goal: AccuracyGoal, history: History) -> tuple[Verdict, History]:
-    """Whether a round is good enough, and else what is refined; and what it adds to the history."""
+    """Whether a round is good enough, and else what is refined; and what it adds to the history.
+
+    Args:
+        scene: Of the round, with the settings of its components.
+        state: What the round computed; rank 0's.
+        goal: The accuracy asked for.
+        history: What the rounds before have taught.
+    """
     parts = scene.machine.components
     estimated = list_quantities(state, history.rigid)
     sizes = {name: part.mesh.size for name, part in parts.items() if part.mesh.size is not None and is_chosen(part)}

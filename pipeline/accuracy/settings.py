@@ -78,7 +78,13 @@ def mode_margin(accuracy: float) -> float:
 
 
 def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
-    """The component with a mesh size at which its error should be so many times what it is."""
+    """The component with a mesh size at which its error should be so many times what it is.
+
+    Args:
+        component: Elastic, with a mesh size.
+        ratio: Error wanted over the present one [-]; below one refines.
+        trials: Its meshes so far, from which the rate is observed; the expected rate where they are few.
+    """
     mesh = component.mesh
     if mesh.size is None:
         raise ValueError("a mesh without a size cannot be refined")
@@ -107,7 +113,14 @@ def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> i
 
 
 def refine_modes(component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float) -> Component:
-    """The component with modes up to where their error should be so many times what it is."""
+    """The component with modes up to where their error should be so many times what it is.
+
+    Args:
+        component: Elastic.
+        ratio: Error wanted over the present one [-]; below one keeps more modes.
+        cutoff_hz: Its modes are complete up to here [Hz].
+        highest_hz: Highest frequency that is reported of the machine [Hz].
+    """
     factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
     reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
     settings = ReductionSettings(modes_to_hz=float(f"{reach:.3g}"), verify=component.reduction.verify)

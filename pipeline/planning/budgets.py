@@ -102,6 +102,11 @@ def _guess_modes(component: Component, volume: float | None) -> int:
 def check_cells(component: Component, cells: int, limit: int | None) -> None:
     """Refuse a mesh with more cells than the scene allows, or than the mesher does.
 
+    Args:
+        component: For its name.
+        cells: Estimated number of cells.
+        limit: ``limits.elements`` of the scene; None for the mesher's own.
+
     Raises:
         BudgetError: Names the component, the estimate and the limit.
     """
@@ -132,6 +137,11 @@ def check_time(stages: Sequence[Stage], limit_s: float | None) -> None:
 
 def check_elapsed(seconds: float, limit_s: float | None, stage: Stage) -> None:
     """Stop a run that has used up the time the scene allows.
+
+    Args:
+        seconds: Wall time since the run began [s].
+        limit_s: ``limits.time`` of the scene [s]; None for no limit.
+        stage: The stage that is due.
 
     Raises:
         BudgetError: Names the stage that was due, the time and the limit.

@@ -43,6 +43,11 @@ UNITS = {
 def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
     """Write ``results.h5``, to appear with the other pending files.
 
+    Args:
+        pending: Files that appear together.
+        folder: Folder of results.
+        results: All that a run found.
+
     Returns:
         SHA-256 of the file, by which a summary names the file it goes with.
 
@@ -60,6 +65,11 @@ def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
 
 def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> None:
     """Write ``summary.json`` and let it appear, last, with the other pending files.
+
+    Args:
+        pending: Files that appear together.
+        folder: Folder of results.
+        results: All that a run found, with the digest of ``results.h5``.
 
     Raises:
         AccuracyError: A result is not a finite number.

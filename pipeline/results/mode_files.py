@@ -35,6 +35,11 @@ AnyArray = NDArray[Any]
 def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineView) -> list[str]:
     """Write ``modes/POSE.vtu`` and ``modes/POSE_NN.glb`` into a folder of results, and remove those of an earlier run.
 
+    Args:
+        folder: Folder of results.
+        modal: Modes of each pose, as in ``summary.json``.
+        view: Surfaces, and how they move in each pose.
+
     Returns:
         Remarks for the user.
 
@@ -75,6 +80,11 @@ def encode_vtu(view: MachineView, pose: PoseView, modes: ModesSummary | None) ->
     Point data: ``component`` numbers the bodies, ``mode_01`` and so on are mode shapes [m/sqrt(kg)], ``static_POINT_x`` displacements
     under a unit force at a point [m/N]. Field data: ``frequencies_hz`` and, for a damped machine, ``damping_ratio`` of every mode,
     NaN where there is none. The names are the same whatever the results, so that a ParaView state fits the next run.
+
+    Args:
+        view: Surface of each component in its own frame [m].
+        pose: Placements and displacements in the pose.
+        modes: Natural modes of the pose; None where no modal analysis was run.
     """
     points, triangles, numbers = [], [], []
     start = 0
@@ -167,6 +177,12 @@ def encode_grid(grid: Grid) -> bytes:
 def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
     """One mode as an animated model: each body a mesh with its displacement as morph target, its weight swinging as a sine.
 
+    Args:
+        view: Surface of each component in its own frame [m].
+        pose: Placements and mode shapes in the pose.
+        modes: Natural modes of the pose.
+        index: Which mode, from zero.
+
     Source: glTF 2.0 specification (Khronos, 2021), binary container.
     """
     swing = SHOWN_SHARE * machine_size(view, pose) / largest_shift([pose.shifts[name][index] for name in view.skins])
@@ -206,7 +222,13 @@ class _Buffer:
         self.accessors: list[dict[str, Any]] = []
 
     def add(self, array: AnyArray, *, target: int | None = None, bounds: bool = False) -> int:
-        """Append an array and return the number of its accessor."""
+        """Append an array and return the number of its accessor.
+
+        Args:
+            array: ``(n,)`` or ``(n, 3)``, single precision or unsigned integers.
+            target: Use of the view: ``ARRAY_BUFFER`` or ``ELEMENT_ARRAY_BUFFER`` of glTF; None for animation data.
+            bounds: State the least and largest value, as glTF wants of positions and times.
+        """
         data = array.tobytes()
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": len(data)}
         self.views.append(view if target is None else view | {"target": target})

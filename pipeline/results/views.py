@@ -92,7 +92,13 @@ def component_colors(view: MachineView) -> dict[str, str]:
 
 
 def component_skin(component: Component, superelement: Superelement, skin: Skin | None) -> Skin:
-    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia."""
+    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia.
+
+    Args:
+        component: Its solid is drawn where there is no mesh.
+        superelement: Its inertia is drawn where the solid has no surface.
+        skin: Surface of its mesh; None where it has none.
+    """
     if skin is not None:
         return skin
     drawn = solid_skin(component.solid)

@@ -80,7 +80,7 @@ def find_superelement(store: Store, request: StoredRequest) -> StoreRead[Reduced
     return StoreRead(None, warning)
 
 
-def keep_superelement(store: Store, request: StoredRequest, reduced: ReducedComponent) -> str | None:
+def _keep_superelement(store: Store, request: StoredRequest, reduced: ReducedComponent) -> str | None:
     """Keep what was reduced for a request; a warning where the store cannot be written."""
     return write_entry(store, f"{request.key}{SEPARATOR}{_describe_extent(request, reduced)}", reduced)
 
@@ -162,7 +162,7 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     check_superelement(superelement)
     reduced = ReducedComponent(superelement, mesh.quality, mesh_skin(mesh))
     state.reduced[component.name] = reduced
-    state.warn(keep_superelement(state.store, _stored_request(state, component), reduced))
+    state.warn(_keep_superelement(state.store, _stored_request(state, component), reduced))
     return Outcome(detail=_describe(superelement))
 
 

@@ -122,7 +122,7 @@ def run_contour(
     motion = linear_motion(model, drive, times, ratios)
     if request.cutting and request.regeneration and record is None:
         history, force = march_regenerative(
-            motion, motion.load, regenerative_cut(request, path.velocity(times), times, marks, turn)
+            motion, motion.load, _regenerative_cut(request, path.velocity(times), times, marks, turn)
         )
     else:
         force = _given_force(request, path.velocity(times), times, marks, record) @ turn
@@ -137,7 +137,7 @@ def run_contour(
     return ContourRun(times, moved @ turn.T - sag, sag, force, marks, motion, drive, history, highest)
 
 
-def tool_force(request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray) -> FloatArray:
+def _tool_force(request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray) -> FloatArray:
     """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over its radius."""
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
     own = repeated_forces(request.cut, request.steps_per_turn, feed) * _engagement(request, times, marks)[:, None]
@@ -152,7 +152,7 @@ def travel_frames(velocity: FloatArray) -> FloatArray:
     return np.stack([along, away, np.broadcast_to([0.0, 0.0, 1.0], velocity.shape)], axis=1)
 
 
-def regenerative_cut(
+def _regenerative_cut(
     request: ContouringRequest, velocity: FloatArray, times: FloatArray, marks: FloatArray, mounting: FloatArray
 ) -> RegenerativeCut:
     """What the teeth cut along the path, for a mechanism mounted with a rotation ``(3, 3)``."""
@@ -172,7 +172,7 @@ def _given_force(
     """``(n, 3)`` force that does not depend on the motion, machine frame."""
     if not request.cutting:
         return np.zeros((len(times), 3))
-    return tool_force(request, velocity, times, marks) if record is None else resample_forces(record, times)
+    return _tool_force(request, velocity, times, marks) if record is None else resample_forces(record, times)
 
 
 def _engagement(request: ContouringRequest, times: FloatArray, marks: FloatArray) -> FloatArray:
@@ -194,20 +194,44 @@ def high_share(run: ContourRun) -> float:
 
 
 def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> FaceStability:
-    """In the middle of a face (0 to 3): multiplier over a tooth period at the depth of cut, and the limit depth."""
+    """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut, and the limit depth.
+
+    Args:
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        request: Contour, tool and cut.
+        face: Face of the square, 0 to 3 in the order of the path.
+    """
     tip = face_dynamics(mechanism, model, request, face)
     multiplier = cut_multiplier(tip, request, request.cut.axial_depth)
     return FaceStability(face + 1, multiplier, limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST))
 
 
 def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float, spindle: float | None = None) -> float:
-    """Largest multiplier over a tooth period at a depth of cut [m] and a speed of the spindle [rad/s]."""
+    """Largest Floquet multiplier over a tooth period; the cut is stable below one.
+
+    Args:
+        tip: The mechanism at the tip of the tool.
+        request: Tool and cut.
+        depth: Axial depth of cut [m].
+        spindle: Speed [rad/s]; None for that of the cut.
+    """
     cut = dataclasses.replace(request.cut, axial_depth=depth, spindle=spindle or request.cut.spindle)
     return largest_multiplier(tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period)
 
 
 def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int) -> TipDynamics:
-    """The mechanism with its tool in the middle of a face, forces along, away and up, chips by motions along and away."""
+    """The mechanism with its tool in the middle of a face: forces along, away and up, chips by motions along and away.
+
+    Args:
+        mechanism: Of the scene.
+        model: Its bodies and springs.
+        request: Contour and damping ratios.
+        face: Face of the square, 0 to 3 in the order of the path.
+
+    Raises:
+        PoseError: The tool cannot get there.
+    """
     contour = request.contour
     reach = 0.5 * contour.side + contour.offset
     x, y = (center + reach * normal for center, normal in zip(contour.center, NORMALS[face], strict=True))
@@ -263,7 +287,16 @@ def evaluate_contour(
 
 
 def leg_forces(model: CompliantMechanism, run: ContourRun, some: NDArray[np.intp]) -> FloatArray:
-    """``(k, 3)`` forces of the legs' drives at some steps [N] (eq. 14 with the work of springs that soften as a leg grows)."""
+    """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that soften as a leg grows).
+
+    Args:
+        model: Bodies and springs of the mechanism.
+        run: A contour that has been run in ``n`` steps.
+        some: ``(k,)`` which steps.
+
+    Returns:
+        ``(k, 3)`` [N].
+    """
     history = run.history
     thin = GiveHistory(history.give[some], history.rate[some], history.acceleration[some])
     return drive_forces(model, run.drive, run.times[some], thin, run.force[some])[:, : len(LENGTHS)]

@@ -30,6 +30,14 @@ def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: Mo
     """An estimate [Hz] per natural frequency, all sources together; it covers 95 % of true errors.
 
     None is given where no body has an estimate of its mesh: rigid and segmented models leave out more than anything that is known.
+
+    Args:
+        parts: Superelements with their own error estimates.
+        coupled: The machine in a pose.
+        modes: ``m`` natural modes of it.
+
+    Returns:
+        ``m`` estimates [Hz], half widths.
     """
     count = len(modes.frequencies_hz)
     squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)

@@ -95,7 +95,13 @@ def estimate_response_errors(
 def add_figure_errors(
     figures: tuple[PortFigures, ...], response: FrequencyResponse, estimate: ResponseEstimate | None
 ) -> tuple[PortFigures, ...]:
-    """The figures with the change of their most negative real part: a peak that moves keeps its depth."""
+    """The figures with the change of their most negative real part: a peak that moves keeps its depth.
+
+    Args:
+        figures: Figures of each drive point.
+        response: The response they were read from.
+        estimate: Errors of its lines; None where there is no estimate.
+    """
     if estimate is None or not estimate.shares:
         return figures
     found = []

@@ -50,18 +50,25 @@ class PoseRows:
 def map_workspace(
     mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, *, comm: MPI.Comm = MPI.COMM_SELF
 ) -> WorkspaceMap | None:
-    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others None."""
+    """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others None.
+
+    Args:
+        mechanism: Of the scene, with its mounting.
+        model: Its bodies and springs.
+        request: Axes of the grid with their positions, and fixed positions of the others.
+        comm: Ranks that share the poses.
+    """
     shape = tuple(len(values) for _, values in request.axes)
     grid = np.stack(np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1).reshape(-1, len(shape))
     part = np.array_split(grid, comm.size)[comm.rank]
-    rows = [survey_rows(mechanism, model, request, part[start : start + CHUNK]) for start in range(0, max(len(part), 1), CHUNK)]
+    rows = [_survey_rows(mechanism, model, request, part[start : start + CHUNK]) for start in range(0, max(len(part), 1), CHUNK)]
     gathered = comm.gather(rows, root=0)
     if gathered is None:
         return None
     return _assemble(request, shape, _join([row for rows in gathered for row in rows]))
 
 
-def survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray) -> PoseRows:
+def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray) -> PoseRows:
     """Poses with the map's axes at positions ``(n, d)``."""
     names = [name for name, _ in request.axes]
     poses = [{**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions]

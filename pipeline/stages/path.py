@@ -49,7 +49,7 @@ LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
 STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
-def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float) -> ControlledPath:
+def _close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, slow_hz: float) -> ControlledPath:
     """The closed loop of a scene's drives in a pose of the path.
 
     Raises:
@@ -67,14 +67,14 @@ def close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, s
     return ControlledPath(
         loop=close_loops(driven.system, driven.trains, inputs=(*pushed, *ports), outputs=request.outputs, up_to_hz=reach),
         shares=axis_shares(request),
-        travel=np.array([travel_of_port(machine, directions, port) for port in request.outputs]),
+        travel=np.array([_travel_of_port(machine, directions, port) for port in request.outputs]),
         slow_hz=slow_hz,
         loads=None if cut is None else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
         load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
     )
 
 
-def drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
+def _drive_path(state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray) -> PathDeviation:
     """Deviation over a move, with friction where the scene names it."""
     if not friction_ports(path.loop.trains):
         return solve_controlled_path(path, move, samples)
@@ -110,7 +110,7 @@ def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray,
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
-    return np.array([travel_of_port(machine, directions, (point, dof)) for dof in DIRECTIONS])
+    return np.array([_travel_of_port(machine, directions, (point, dof)) for dof in DIRECTIONS])
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:
@@ -119,7 +119,7 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
     return {axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length for axis in request.path.axes}
 
 
-def travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], port: Port) -> float:
+def _travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], port: Port) -> float:
     """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
     name, dof = port
     if dof not in DIRECTIONS:
@@ -152,7 +152,7 @@ def choose_model(request: PathRequest) -> PathModel:
     return PathModel(PATH_INPUT, request.outputs, 1.0 / request.moves[0].ramp.time_constant, MODE_MARGIN * path_band(request))
 
 
-def build_plant(state: RunState, request: PathRequest, position: float) -> PosedModes:
+def _build_plant(state: RunState, request: PathRequest, position: float) -> PosedModes:
     """The machine at a position of the path [m]: the damping the scene names, and the acceleration along the path as an input."""
     superelements = state.parts.superelements
     machine = state.scene.machine
@@ -164,7 +164,7 @@ def build_plant(state: RunState, request: PathRequest, position: float) -> Posed
     return stack_modes(add_path_input(damped, coupled, travel_directions(machine, request.path)), modes, coupled)
 
 
-def solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
+def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
     """Deviation of every move: with the drives of the scene under control, or with motors that follow their set point.
 
     Raises:
@@ -174,14 +174,14 @@ def solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> So
     if state.scene.drives:
         superelements = state.parts.superelements
         coupled = couple(superelements, state.scene.machine, request.path.pose_at(0.5 * request.path.length))
-        loop = close_path(state, request, coupled, model.slow_hz)
-        driven = tuple(drive_path(state, loop, move, sample_path(request, move)) for move in request.moves)
+        loop = _close_path(state, request, coupled, model.slow_hz)
+        driven = tuple(_drive_path(state, loop, move, sample_path(request, move)) for move in request.moves)
         return SolvedMoves(driven, driven)
     whole = dataclasses.replace(model, up_to_hz=None)
     kept = tuple(solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves)
     if not request.follows_pose:
         return SolvedMoves(kept, kept)
-    along = sample_system(lambda position: build_plant(state, request, position), request.path.length, model)
+    along = sample_system(lambda position: _build_plant(state, request, position), request.path.length, model)
     table = make_step_table(along, 1.0 / request.sampling_hz)
     found = tuple(solve_varying_path(along, move, sample_path(request, move), table) for move in request.moves)
     # that modes are kept only up to a frequency is judged in the middle, where all are known
@@ -227,14 +227,14 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     if request is None:
         raise ValueError("a path stage needs a path analysis in the scene")
-    middle = build_plant(state, request, 0.5 * request.path.length)
+    middle = _build_plant(state, request, 0.5 * request.path.length)
     damped = middle.system.damping is not None or middle.system.hysteretic is not None
     if not damped:
         state.warn(
             'path analysis: nothing is damped, so what the ramps set ringing rings on; write [effects] damping = { modal = "2 %" }'
         )
     try:
-        solved = solve_moves(state, request, middle)
+        solved = _solve_moves(state, request, middle)
     except UnstableControlError as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
@@ -251,7 +251,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         slow_hz=model.slow_hz,
         slow_count=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
         poses=solved.poses,
-        runs=tuple(run_move(request, *item) for item in zip(request.moves, solved.found, solved.kept, strict=True)),
+        runs=tuple(_run_move(request, *item) for item in zip(request.moves, solved.found, solved.kept, strict=True)),
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
     )
@@ -262,7 +262,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     )
 
 
-def run_move(request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation) -> PathRun:
+def _run_move(request: PathRequest, move: SetPoint, raw: PathDeviation, kept: PathDeviation) -> PathRun:
     """The deviation of one move as filtered, with its figures; and as if the pose were kept."""
     found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
     motion = sample_move(move, found.times)

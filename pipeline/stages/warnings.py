@@ -28,7 +28,7 @@ BAD_QUALITY = 2e-3  # below a thousandth elements are refused
 REPAIRED_SHARE = 1e-3  # per dof; there are about six dofs per element
 
 
-def warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> list[str]:
+def _warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> list[str]:
     """A warning where frequencies come near the first fixed-interface mode left out.
 
     Source: the margin is that of Code_Aster R4.06.02 for dynamic substructuring.
@@ -47,7 +47,7 @@ def warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> l
     return [f'{found}; write reduction = {{ modes_to = "{3 * highest_hz:.0f} Hz" }}']
 
 
-def warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
+def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
     """A warning where waves are too short for the mesh: fewer than six nodes on the shortest of them."""
     if reduced.quality is None or reduced.skin is None or not highest_hz > 0.0 or component.material.density <= 0.0:
         return []
@@ -63,7 +63,7 @@ def warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: fl
     ]
 
 
-def warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None) -> list[str]:
+def _warn_of_locking(component: Component, reduced: ReducedComponent, highest_hz: float, error: float | None) -> list[str]:
     """A warning where single tetrahedra across thin walls lock in bending waves as short as those of the highest frequency.
 
     Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of which irregular meshes have few.
@@ -106,7 +106,12 @@ def wall_thickness(skin: Skin, quality: MeshQuality) -> float:
 
 
 def shortest_wave(component: Component, thickness: float, hz: float) -> float:
-    """Length [m] of the shorter of a shear wave and of a bending wave in a plate of the walls' thickness.
+    """Length of the shorter of a shear wave and of a bending wave in a plate of the walls' thickness [m].
+
+    Args:
+        component: For its material; the density is above zero.
+        thickness: Of the walls [m].
+        hz: Frequency of the waves [Hz].
 
     Source: Cremer, Heckl and Petersson (2005), Structure-Borne Sound, eqs. 3.36 and 3.83.
     """
@@ -118,7 +123,13 @@ def shortest_wave(component: Component, thickness: float, hz: float) -> float:
 
 
 def node_spacing(nodes: int, volume: float, thickness: float) -> float:
-    """Distance [m] of the nodes of a mesh along its walls, at least three of them through the thickness."""
+    """Distance of the nodes of a mesh along its walls [m], at least three of them through the thickness.
+
+    Args:
+        nodes: Number of nodes.
+        volume: Of the component [m^3].
+        thickness: Of the walls [m].
+    """
     even = math.cbrt(volume / nodes)
     across = max(3.0, thickness / even + 1.0)
     return max(even, math.sqrt(volume / thickness * across / nodes))
@@ -132,9 +143,11 @@ def find_warnings(state: RunState) -> list[str]:
     found: list[str] = []
     for name, reduced in state.reduced.items():
         found += _component_warnings(name, reduced) + _size_warnings(state.plan.components[name], reduced)
-        found += warn_of_cutoff(name, reduced, highest)
+        found += _warn_of_cutoff(name, reduced, highest)
         component = state.plan.components[name]
-        found += warn_of_locking(component, reduced, highest, _mesh_share(state, name)) or warn_of_mesh(component, reduced, highest)
+        found += _warn_of_locking(component, reduced, highest, _mesh_share(state, name)) or _warn_of_mesh(
+            component, reduced, highest
+        )
     return found + _warn_of_large_errors(state)
 
 

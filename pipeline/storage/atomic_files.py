@@ -32,6 +32,11 @@ class PendingFiles:
     def add(self, path: Path, content: bytes, *, mode: int = 0o644) -> None:
         """Write to a temporary neighbour of ``path`` and flush it to the disk.
 
+        Args:
+            path: Where the file is to appear.
+            content: All of it.
+            mode: Permissions of a Unix file.
+
         Raises:
             OSError: The folder is not writable, the disk is full or the device reports an error.
         """
@@ -57,6 +62,11 @@ class PendingFiles:
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     """Write one file so that a reader sees the old one or the whole new one.
+
+    Args:
+        path: The file.
+        content: All of it.
+        mode: Permissions of a Unix file.
 
     Raises:
         OSError: The folder is not writable, the disk is full or the device reports an error; an earlier file is untouched.

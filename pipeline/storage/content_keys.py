@@ -42,7 +42,13 @@ FILE_KEYS = ("step", "mesh", "superelement")
 
 
 def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
-    """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or name."""
+    """Key of a component's mesh: shape, sizes and patches; not its place, material, coupling or name.
+
+    Args:
+        component: Its solid, mesh settings and interfaces.
+        supports: On this component; their patches count.
+        loads: On this component; their patches count.
+    """
     return _digest(
         {
             "algorithm": [code_fingerprint(package) for package in MESH_CODE],

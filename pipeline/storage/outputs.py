@@ -44,6 +44,11 @@ class PendingOutputs(PendingFiles):
     def add(self, path: Path, content: bytes, *, mode: int = 0o644) -> None:
         """Write to a temporary neighbour of ``path``.
 
+        Args:
+            path: Where the file is to appear.
+            content: All of it.
+            mode: Permissions of a Unix file.
+
         Raises:
             TakenOutputError: There is a file that Headstock did not write.
             OSError: The folder is not writable, the disk is full or the device reports an error.

@@ -47,12 +47,24 @@ def default_store_root() -> Path:
 
 
 def entry_path(store: Store, kind: str, key: str) -> Path:
-    """Where an entry lives."""
+    """Where an entry lives.
+
+    Args:
+        store: The store.
+        kind: Folder of the kind of record.
+        key: SHA-256 in hexadecimal digits, perhaps with more after it.
+    """
     return store.root / kind / key[:2] / f"{key}.h5"
 
 
 def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
-    """Keys of the entries of a kind that begin so, in their order; whether they can be believed shows when they are read."""
+    """Keys of the entries of a kind that begin so, in their order; whether they can be believed shows when they are read.
+
+    Args:
+        store: The store.
+        kind: Type of the records.
+        prefix: Beginning of the keys, at least two characters.
+    """
     folder = entry_path(store, _folder(kind), prefix).parent
     try:
         return sorted(path.stem for path in folder.iterdir() if path.name.startswith(prefix) and path.suffix == ".h5")
@@ -61,7 +73,13 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
 
 
 def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
-    """The record stored under a key, verified; a missing entry is no warning."""
+    """The record stored under a key, verified; a missing entry is no warning.
+
+    Args:
+        store: The store.
+        key: Content key.
+        kind: Type of the record.
+    """
     path = entry_path(store, _folder(kind), key)
     try:
         content = _read_own_file(path)
@@ -87,7 +105,16 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
 
 
 def write_entry(store: Store, key: str, record: object) -> str | None:
-    """Keep a record under a key; a store that cannot be written costs time later but no result, so it gives a warning."""
+    """Keep a record under a key; a store that cannot be written costs time later but no result, so it gives a warning.
+
+    Args:
+        store: The store.
+        key: Content key.
+        record: A frozen dataclass of arrays, numbers, texts and records.
+
+    Returns:
+        The warning; None where it was kept.
+    """
     image = io.BytesIO()
     with h5py.File(image, "w", userblock_size=USER_BLOCK) as file:
         write_record(file.create_group("record", track_order=True), record)

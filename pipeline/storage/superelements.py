@@ -44,6 +44,11 @@ WALL_SECONDS = 60
 def write_superelement(path: Path, superelement: Superelement, origin: Provenance | None = None) -> None:
     """Write a superelement, with where it comes from, so that a reader sees the old file or the whole new one, never a part.
 
+    Args:
+        path: The file.
+        superelement: What to write.
+        origin: Version, command and scene that it comes from; None leaves them out.
+
     Raises:
         OutputError: It cannot be written, or there is a file that Headstock did not write.
     """

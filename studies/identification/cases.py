@@ -136,7 +136,14 @@ class CaseState:
 
 
 def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose, parameters: tuple[Parameter, ...]) -> CaseModel:
-    """A case with what has to be watched for its targets."""
+    """A case with what has to be watched for its targets.
+
+    Args:
+        case: Targets in one pose of one variant.
+        parametric: The variant as a function of the parameters.
+        pose: The pose.
+        parameters: All parameters of the fit.
+    """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
     watched |= {port[0] for target in case.compliances for port in (target.motion, target.force)}
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
@@ -168,7 +175,13 @@ def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
 
 
 def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> FloatArray:
-    """Derivatives ``(n_all, p)`` of one mode shape in stacked dofs by p parameters."""
+    """Derivatives ``(n_all, p)`` of one mass-normalised mode shape in stacked dofs by ``p`` parameters.
+
+    Args:
+        state: The case at the values where the derivatives are wanted.
+        index: Which mode.
+        slopes: Derivatives of the case's matrices by each parameter.
+    """
     forces = np.column_stack([slope.modes.forces[:, index] for slope in slopes])
     terms = np.array([slope.modes.mass_terms[index] for slope in slopes])
     system = state.coupled.system

@@ -37,7 +37,13 @@ class _Target:
 
 
 def read_parameters(table: TargetsTable, scenes: Scenes, findings: Findings) -> tuple[Parameter, ...]:
-    """The parameters of a target file; those with a fault are reported and left out."""
+    """The parameters of a target file; those with a fault are reported and left out.
+
+    Args:
+        table: The target file, as checked against its schema.
+        scenes: The scene of each variant that the targets use.
+        findings: Takes the faults, with their place in the file.
+    """
     found = []
     setters: dict[KeyPath, str] = {}
     for name, entry in table.parameters.items():

@@ -42,7 +42,13 @@ def shape_costs(state: CaseState) -> FloatArray:
 
 
 def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
-    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier state."""
+    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier state.
+
+    Args:
+        before: The case at the earlier values.
+        pairing: Which of its modes each target goes with.
+        state: The case after the step.
+    """
     if not pairing.modes:
         return pairing
     weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
@@ -261,7 +267,13 @@ def evaluate(problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | No
 
 
 def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing, ...]) -> FitPoint:
-    """The same point with other pairings."""
+    """The same values with targets compared to other modes.
+
+    Args:
+        problem: The fit.
+        point: Values with the states of all cases.
+        pairings: For each case, which mode each target goes with.
+    """
     return _make_point(problem, point.coordinates, point.states, pairings)
 
 

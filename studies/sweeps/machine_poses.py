@@ -83,7 +83,13 @@ def modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
 
 
 def count_wanted(request: ModalRequest, frequencies_hz: FloatArray, rigid_count: int) -> int:
-    """How many of the modes solved for the scene asks for."""
+    """How many of the modes solved for the scene asks for.
+
+    Args:
+        request: Number of modes, highest frequency [Hz], or both.
+        frequencies_hz: ``(m,)`` rising [Hz].
+        rigid_count: How many of them are rigid-body modes, which a highest frequency keeps.
+    """
     wanted = len(frequencies_hz) if request.count is None else min(request.count, len(frequencies_hz))
     if request.up_to_hz is not None:
         wanted = min(wanted, max(rigid_count, int(np.searchsorted(frequencies_hz, request.up_to_hz, side="right"))))

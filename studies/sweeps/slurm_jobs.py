@@ -262,7 +262,15 @@ def describe_states(states: Mapping[int, TaskState]) -> str:
 def describe_missing(
     folder: Path, sweep: Sweep, submission: Submission, missing: Mapping[int, list[int]], states: Mapping[int, TaskState]
 ) -> str:
-    """Which tasks lack which poses, how they ended and where they wrote why."""
+    """Which tasks lack which poses, how they ended and where they wrote why.
+
+    Args:
+        folder: Folder of the sweep's results, with the logs of its tasks.
+        sweep: Its poses.
+        submission: Numbers of the array job and of the job that made the components.
+        missing: Task to the poses that it lacks.
+        states: Task to how Slurm says it ended.
+    """
     lines = [f"{sum(len(poses) for poses in missing.values())} of {len(sweep.positions)} poses are not computed:"]
     if submission.components_job:
         log = log_file(folder, submission.components_job, COMPONENTS_TASK)

@@ -85,7 +85,7 @@ class AbsoluteMachine:
         return np.asarray((1.0 - share) * values[number] + share * values[number + 1])
 
 
-def place_absolutely(
+def _place_absolutely(
     parts: Mapping[str, Superelement], machine: Machine, path: MachinePath, outputs: tuple[Port, ...], places: FloatArray
 ) -> AbsoluteMachine:
     """Couple a machine anew at every place; held motions must be the same all along the path.
@@ -124,7 +124,7 @@ def place_absolutely(
     return AbsoluteMachine(mass, places, *(np.array(item) for item in (stiffnesses, pulls, rows, drift)))
 
 
-def integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float) -> FloatArray:
+def _integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float) -> FloatArray:
     """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from break to break."""
     count = len(machine.mass)
     inverse = np.linalg.inv(machine.mass)
@@ -268,5 +268,5 @@ def _second_road(
 ) -> FloatArray:
     reach = move.feed * (WINDOW - 0.5 * move.ramp.time_constant)
     places = np.linspace(0.0, 1.01 * reach, round(reach / SPACING))
-    absolute = place_absolutely(parts, machine, path, outputs, np.asarray(places, dtype=float))
-    return np.asarray(integrate_absolutely(absolute, move, times, 1e-9)[:, 0])
+    absolute = _place_absolutely(parts, machine, path, outputs, np.asarray(places, dtype=float))
+    return np.asarray(_integrate_absolutely(absolute, move, times, 1e-9)[:, 0])

@@ -64,7 +64,7 @@ def one_mode() -> TipDynamics:
     return tip_dynamics(matrices, np.eye(1))
 
 
-def slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray:
+def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray:
     """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
     angle = np.pi * times / period
     # one of two teeth is in the cut at any time
@@ -111,7 +111,7 @@ def _milling_rows(steps: int) -> list[ValidationRow]:
     case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
     for rpm, depth in SLOTTING:
         period = 60.0 / (TEETH * rpm)
-        fine = slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
+        fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
         found = largest_multiplier(one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period)
         marched = _marched_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
@@ -142,7 +142,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
     kick = np.zeros((len(times), 1))
     kick[1:40] = 1.0
     stiffness = np.zeros((len(times), 3, 3))
-    stiffness[:, 0, 0] = slotting_gain(times, period, depth)
+    stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
     moved = march_linear(motion, kick, regeneration=Regeneration(stiffness, steps)).give[:, 0].reshape(turns, steps)
     before, now, after = moved[-3], moved[-2], moved[-1]
     first, second = np.linalg.lstsq(np.stack([now, before], axis=1), after, rcond=None)[0]

@@ -119,14 +119,14 @@ def _leg_matrices(leg: ElasticLeg, grid: FloatArray) -> tuple[FloatArray, FloatA
     mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
     for element, length in enumerate(np.diff(grid)):
         here = slice(6 * element, 6 * element + 12)
-        own_mass, own_stiffness = beam_element(leg.tube, bar, density, float(length))
+        own_mass, own_stiffness = _beam_element(leg.tube, bar, density, float(length))
         mass[here, here] += own_mass
         stiffness[here, here] += own_stiffness
     turn = scipy.linalg.block_diag(*[rotate_dofs(leg.placement.rotation.T)] * len(grid))
     return turn.T @ mass @ turn, turn.T @ stiffness @ turn
 
 
-def beam_element(part: Component, bar: PrismaticBar, density: float, length: float) -> tuple[FloatArray, FloatArray]:
+def _beam_element(part: Component, bar: PrismaticBar, density: float, length: float) -> tuple[FloatArray, FloatArray]:
     """Consistent mass and stiffness ``(12, 12)`` of a round Timoshenko element along z, dofs x y z rx ry rz at each end."""
     young, nu = part.material.youngs_modulus, part.material.poisson_ratio
     shear, second = young / (2.0 * (1.0 + nu)), bar.second_moments[0]

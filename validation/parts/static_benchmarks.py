@@ -60,7 +60,7 @@ def check_thick_plate(comm: MPI.Comm) -> list[ValidationRow]:
     return [*rows, *judge_all(case, reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"])]
 
 
-def imported_mesh(
+def _imported_mesh(
     lattice: FloatArray, component: Component, loads: Sequence[Load], comm: MPI.Comm
 ) -> tuple[Component, ComponentMesh]:
     """Write a lattice as a mesh file and read it back the way a scene does."""
@@ -76,7 +76,7 @@ def _end_motions(shape: str, comm: MPI.Comm) -> FloatArray:
     """Extension, in-plane and out-of-plane deflection and twist of the end under unit loads."""
     interface = Interface("tip", (Patch("set:u+"),), "average")
     component = Component("cantilever", MeshFile(Path()), STRAIGHT.material, interfaces={"tip": interface})
-    _, mesh = imported_mesh(_straight_lattice(shape), component, (), comm)
+    _, mesh = _imported_mesh(_straight_lattice(shape), component, (), comm)
     held = np.zeros((len(mesh.points), 3), dtype=bool)
     x, y, z = mesh.points.T
     root = x < 1e-9
@@ -111,7 +111,7 @@ def _plate_stress(cells: tuple[int, int, int], comm: MPI.Comm) -> float:
     """Stress sigma_yy [MPa] at D."""
     load = Load("press", "plate", "pressure", (Patch("set:w+"),), magnitude=PRESSURE)
     component = Component("plate", MeshFile(Path()), PLATE_MATERIAL)
-    component, mesh = imported_mesh(_plate_lattice(cells), component, (load,), comm)
+    component, mesh = _imported_mesh(_plate_lattice(cells), component, (load,), comm)
     x, y, z = mesh.points.T
     outer = np.abs((x / 3.25) ** 2 + (y / 2.75) ** 2 - 1.0) < 1e-9
     held = np.zeros((len(mesh.points), 3), dtype=bool)
