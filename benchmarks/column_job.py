@@ -68,6 +68,7 @@ def write_matrices(folder: Path) -> None:
     operators = assemble_elasticity(mesh, column("20k", 0).material, comm=MPI.COMM_SELF, with_mass=True)
     place = np.argsort(operators.nodes)
     dofs = (3 * place[:, None] + np.arange(3)).ravel()
+    assert operators.scalar_mass is not None  # asked for with the stiffness
     stiffness = operators.stiffness.tocsr()[dofs][:, dofs]
     mass = scipy.sparse.kron(operators.scalar_mass[place][:, place], np.eye(3), format="csr")
     for name, matrix in (("stiffness", stiffness), ("mass", mass)):

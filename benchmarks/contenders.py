@@ -16,7 +16,6 @@ from stage_clock import StageClock
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.components import elastic as elastic_reduction
-from headstock.solvers.elastic import constrained_solver
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -32,7 +31,7 @@ def run_headstock(folder: Path, modes: int) -> Result:
     """The reduction as a run does it, from the mesh to the superelement; assembly counted."""
     component, mesh, clock = column("20k", modes), read_mesh(folder), StageClock()
     clock.watch(elastic_reduction, "assemble_elasticity", "assembly")
-    clock.watch(constrained_solver.Factorization, "__init__", "factorisation")
+    clock.watch(Factorization, "__init__", "factorisation")
     clock.watch(elastic_reduction, "find_fixed_interface_modes", "fixed-interface modes")
     clock.restart()
     with clock.stage("constraint modes, projection"):

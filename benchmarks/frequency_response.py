@@ -45,7 +45,7 @@ def compare_with_eigenvalues() -> None:
         solved = time.process_time()
         modes = solve_modal(system)
         prepared = time.process_time()
-        frequencies = np.linspace(1.0, float(modes.frequencies_hz[100]), COUNT)
+        frequencies = np.linspace(1.0, float(modes.frequencies_hz[100]), COUNT, dtype=np.float64)
         model = prepare_frf(system, inputs=ports[:1], outputs=ports, modes=modes)
         answered = evaluate_frf(model, frequencies)
         done = time.process_time()
@@ -69,7 +69,7 @@ def main() -> None:
     compare_with_eigenvalues()
     size = float(sys.argv[1]) / 1000.0 if len(sys.argv) > 1 else 0.025
     system, whole = column_models(MPI.COMM_SELF, size)
-    frequencies = np.linspace(1.0, TO_HZ, COUNT)
+    frequencies = np.linspace(1.0, TO_HZ, COUNT, dtype=np.float64)
     reduced = []
     for _ in range(REPEATS):
         start = time.process_time()

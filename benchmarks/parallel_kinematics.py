@@ -45,7 +45,7 @@ def main() -> None:
     until = float(sys.argv[1]) if len(sys.argv) > 1 else WHOLE
     tripteor, request = load_tripteor(), contour_request("al7075-t6")
     state = tripteor.poses["config_1"]
-    x, y = (np.linspace(-half, half, 100) for half in PLANE_HALF)
+    x, y = (np.linspace(-half, half, 100, dtype=np.float64) for half in PLANE_HALF)
     grid = MapRequest((("X", x), ("Y", y)), {"Z": PLANE_HEIGHT})
     nonlinear = dataclasses.replace(request, model="nonlinear")
     waves = dataclasses.replace(request, regeneration=True)

@@ -64,7 +64,7 @@ class Tree:
     @cached_property
     def named_only(self) -> set[str]:
         """Functions and classes of the tree, as ``module.name``, that take named parameters and no ``*rest``."""
-        return {f"{name}.{node.name}" for name, tree in self.modules.items() for node in tree.body if _takes_named_parameters(node)}
+        return {f"{module}.{name}" for module, tree in self.modules.items() for name in _with_named_parameters(tree.body)}
 
     @cached_property
     def bundle_names(self) -> set[str]:
@@ -196,12 +196,15 @@ def _is_bundle(note: ast.expr, names: Mapping[str, str]) -> bool:
     return len(entries) >= BUNDLE and "..." not in entries and len(set(entries)) > 1
 
 
-def _takes_named_parameters(node: ast.stmt) -> bool:
-    if isinstance(node, ast.ClassDef):
-        starts = [made for made in node.body if isinstance(made, Function) and made.name == "__init__"]
-        fields = [field for field in node.body if isinstance(field, ast.AnnAssign)]
-        return all(start.args.vararg is None for start in starts) if starts else bool(fields)
-    return isinstance(node, Function) and node.args.vararg is None
+def _with_named_parameters(body: list[ast.stmt]) -> Iterator[str]:
+    for node in body:
+        if isinstance(node, ast.ClassDef):
+            starts = [made for made in node.body if isinstance(made, Function) and made.name == "__init__"]
+            fields = [field for field in node.body if isinstance(field, ast.AnnAssign)]
+            if all(start.args.vararg is None for start in starts) if starts else fields:
+                yield node.name
+        elif isinstance(node, Function) and node.args.vararg is None:
+            yield node.name
 
 
 def _find_splats(tree: Tree) -> Iterator[str]:

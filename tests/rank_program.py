@@ -3,18 +3,31 @@
 import dataclasses
 import sys
 import traceback
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch, ReductionSettings, Support
+from common import present
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import (
+    Component,
+    CouplingKind,
+    Interface,
+    Load,
+    Material,
+    Patch,
+    ReductionSettings,
+    Support,
+)
 from headstock.geometry.parts.solids import Box
-from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.elements.surface import extract_surface
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
@@ -26,7 +39,7 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 OIL = Load("oil", "body", "pressure", (Patch("x+"),), magnitude=1e6)
 
 
-def box(counts, size, kind, **groups: str) -> ComponentMesh:
+def box(counts: Sequence[int], size: Sequence[float], kind: CellKind, **groups: str) -> ComponentMesh:
     mesh = lattice_mesh(straight_lattice(counts, size), kind, straight=True)
     surface = extract_surface(mesh.cells, mesh.kind)
     centers = mesh.points[surface.facets[:, : surface.corners]].mean(axis=1)
@@ -38,7 +51,14 @@ def box(counts, size, kind, **groups: str) -> ComponentMesh:
     return dataclasses.replace(mesh, patches=patches)
 
 
-def reduced(mesh, couplings, count, supports=(), loads=(), gravity=True):
+def reduced(
+    mesh: ComponentMesh,
+    couplings: Mapping[str, CouplingKind],
+    count: int,
+    supports: Sequence[Support] = (),
+    loads: Sequence[Load] = (),
+    gravity: bool = True,
+) -> Superelement:
     interfaces = {name: Interface(name, (Patch("z+"),), coupling) for name, coupling in couplings.items()}
     component = Component("body", Box((1.0, 1.0, 1.0)), STEEL, interfaces=interfaces, reduction=ReductionSettings(modes=count))
     request = ReductionRequest(ModeTarget(count=count), gravity=gravity)
@@ -47,7 +67,7 @@ def reduced(mesh, couplings, count, supports=(), loads=(), gravity=True):
     return element
 
 
-def report(name, element, found):
+def report(name: str, element: Superelement, found: dict[str, FloatArray]) -> None:
     """Frequencies, static response of the second interface with the first held, mass, and recovered points on rank 0."""
     count = len(element.stiffness)
     found[f"{name}.frequencies"] = np.sqrt(np.abs(scipy.linalg.eigvalsh(element.stiffness, element.mass)))[6:] / (2.0 * np.pi)
@@ -58,11 +78,11 @@ def report(name, element, found):
         for load, vector in element.loads.items():
             answer = np.zeros(count)
             answer[6:] = np.linalg.solve(element.stiffness[np.ix_(free, free)], vector.vector[6:])
-            found[f"{name}.moved by {load}"] = element.recovery.basis @ answer + vector.particular.ravel()
+            found[f"{name}.moved by {load}"] = present(element.recovery).basis @ answer + present(vector.particular).ravel()
 
 
 def main(path: Path) -> None:
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, FloatArray] = {}
     column = box((2, 3, 8), (0.04, 0.1, 0.5), "tet10", foot="z-", tip="z+", load__oil="x+")
     report("rigid", reduced(column, {"foot": "rigid", "tip": "rigid"}, 10, loads=(OIL,)), found)
     report("average", reduced(column, {"foot": "average", "tip": "average"}, 10, loads=(OIL,)), found)

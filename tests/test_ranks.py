@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
+
 PROGRAM = Path(__file__).with_name("rank_program.py")
 TOLERANCES = {"frequencies": 1e-8, "compliance": 1e-8, "mass": 1e-12, "plane": 1e-6, "displacement": 1e-8, "count": 0.0}
 
 
-def run_on(ranks: int, path: Path) -> dict[str, np.ndarray]:
+def run_on(ranks: int, path: Path) -> dict[str, FloatArray]:
     launcher = shutil.which("mpirun")
     if launcher is None:
         pytest.skip("there is no mpirun here")
@@ -30,12 +32,12 @@ def run_on(ranks: int, path: Path) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory):
+def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, FloatArray]:
     return run_on(1, tmp_path_factory.mktemp("ranks") / "one.npz")
 
 
 @pytest.mark.parametrize("ranks", [2, 4])
-def test_every_answer_is_that_of_one_rank(alone, tmp_path, ranks):
+def test_every_answer_is_that_of_one_rank(alone: dict[str, FloatArray], tmp_path: Path, ranks: int) -> None:
     found = run_on(ranks, tmp_path / "found.npz")
     assert found.keys() == alone.keys()
     for name, exact in alone.items():
@@ -48,7 +50,7 @@ def test_every_answer_is_that_of_one_rank(alone, tmp_path, ranks):
         assert (np.abs(found[name] - exact) / scale).max() < tolerance, name
 
 
-def test_the_program_has_reached_every_kind_of_answer(alone):
+def test_the_program_has_reached_every_kind_of_answer(alone: dict[str, FloatArray]) -> None:
     kinds = {name.rsplit(".", 1)[1] for name in alone}
     assert kinds >= {"frequencies", "compliance", "mass", "plane", "displacement", "count", "moved by oil", "moved by gravity:z"}
     assert alone["free.count"][0] == 8

@@ -7,9 +7,11 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
+from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
-from headstock.validation.parts.component_models import full_model, full_modes, rigid_frequencies
+from headstock.validation.parts.component_models import FullModel, full_model, full_modes, rigid_frequencies
 
 COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)
@@ -18,18 +20,18 @@ SHIFTS = (1e-6, 1e-4, 1e-1, 1e2, 1e4)
 
 
 @pytest.fixture(scope="module")
-def block(make_box, make_component):
+def block() -> tuple[FullModel, FloatArray]:
     mesh = make_box((1, 2, 6), SIZE, kind="tet10")
     model = full_model(mesh, make_component().material, comm=COMM)
     return model, full_modes(model, 6).frequencies_hz
 
 
-def test_rigid_motions_stay_five_decades_below_the_first_elastic_mode(block):
+def test_rigid_motions_stay_five_decades_below_the_first_elastic_mode(block: tuple[FullModel, FloatArray]) -> None:
     model, elastic = block
     assert rigid_frequencies(model).max() < 1e-5 * elastic[0]
 
 
-def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(block):
+def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(block: tuple[FullModel, FloatArray]) -> None:
     model, elastic = block
     held = np.zeros(model.operators.owned_dofs, dtype=bool)
     assert count_frequencies_below(model.operators, held, 0.999 * elastic[0]) == 6
@@ -37,7 +39,9 @@ def test_there_are_six_rigid_modes_and_no_more_below_the_first_elastic_one(block
 
 
 @pytest.mark.parametrize("share", SHIFTS)
-def test_elastic_frequencies_equal_those_of_a_shifted_solve_over_ten_decades(block, share):
+def test_elastic_frequencies_equal_those_of_a_shifted_solve_over_ten_decades(
+    block: tuple[FullModel, FloatArray], share: float
+) -> None:
     model, elastic = block
     stiffness = scipy.sparse.csc_matrix(model.operators.stiffness)
     mass = scipy.sparse.csc_matrix(scipy.sparse.kron(model.operators.scalar_mass, np.eye(3)))
@@ -51,7 +55,7 @@ def test_elastic_frequencies_equal_those_of_a_shifted_solve_over_ten_decades(blo
     np.testing.assert_allclose(shifted[6:], elastic, rtol=1e-6)
 
 
-def test_a_loose_component_reduces_to_its_rigid_motions_and_free_free_modes(block, make_component):
+def test_a_loose_component_reduces_to_its_rigid_motions_and_free_free_modes(block: tuple[FullModel, FloatArray]) -> None:
     model, elastic = block
     element = reduce_elastic(make_component(modes=6, size=SIZE), model.mesh, comm=COMM)
     np.testing.assert_allclose(element.modal_frequencies_hz[:6], elastic, rtol=1e-9)

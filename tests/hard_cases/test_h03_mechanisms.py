@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
+from common import present
 from headstock.geometry.frames import Frame, rotation_about
-from headstock.geometry.machine.machine import Pose, orient_machine
+from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import find_free_motions
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget, point_compliance
 from headstock.reduction.motions.mode_naming import name_modes
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
@@ -20,7 +22,7 @@ COLUMN = (1e8, 2e8, 5e8, 2e6, 3e6, 1e6)
 ODD = Frame(np.array([3.0, -1.0, 2.0]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.9))
 
 
-def machine_with_free(dofs, held=()):
+def machine_with_free(dofs: tuple[int, ...], held: tuple[()] = ()) -> tuple[dict[str, Superelement], Machine]:
     """A bed on springs, a slider with a column on it; some dofs of the slider's guide are free."""
     bed = rigid_body("bed", 300.0, {"foot": (0, 0, -0.4), "rail": (0, 0, 0)}, center=(0, 0, -0.2), inertia=(9, 10, 11))
     slider = rigid_body("slider", 40.0, {"guide": (0, 0, 0), "top": (0, 0, 0.1)}, center=(0, 0, 0.05), inertia=(0.4, 0.5, 0.6))
@@ -39,7 +41,7 @@ CASES = [(0,), (2,), (5,), (0, 1), (0, 1, 5), (0, 1, 2, 3), (0, 1, 2, 3, 4)]
 
 @pytest.mark.parametrize("frame", [Frame(), ODD], ids=["straight", "turned"])
 @pytest.mark.parametrize("dofs", CASES)
-def test_free_motions_are_counted_and_the_bed_does_not_move(dofs, frame):
+def test_free_motions_are_counted_and_the_bed_does_not_move(dofs: tuple[int, ...], frame: Frame) -> None:
     superelements, machine = machine_with_free(dofs)
     coupled = couple(superelements, orient_machine(machine, frame), HOME)
     motions = find_free_motions(coupled)
@@ -48,7 +50,7 @@ def test_free_motions_are_counted_and_the_bed_does_not_move(dofs, frame):
     assert solve_modal(coupled.system).rigid_count == len(dofs)
 
 
-def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_alone():
+def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_alone() -> None:
     free = solve_modal(couple(*machine_with_free((0,)), HOME).system)
     soft_spring = machine_with_free((0,))
     soft_spring[1].joints["guide"].stiffness[0, 0] = 1e-3
@@ -59,7 +61,7 @@ def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_al
     assert soft.frequencies_hz[0] == pytest.approx(np.sqrt(1e-3 / 70.0) / (2 * np.pi), rel=0.2)
 
 
-def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named():
+def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named() -> None:
     coupled = couple(*machine_with_free((0, 1, 2, 5)), HOME)
     with pytest.raises(ModelError, match=r"4 rigid motion\(s\) are free") as caught:
         point_compliance(coupled, "tcp")
@@ -68,7 +70,9 @@ def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_
 
 
 @pytest.mark.parametrize("dofs", [(0,), (5,), (0, 5), (3,), (2, 4)])
-def test_loads_that_do_no_work_on_the_free_motions_have_the_answer_of_a_very_soft_spring_in_place_of_none(dofs):
+def test_loads_that_do_no_work_on_the_free_motions_have_the_answer_of_a_very_soft_spring_in_place_of_none(
+    dofs: tuple[int, ...],
+) -> None:
     found = point_compliance(couple(*machine_with_free(dofs), HOME), "tcp")
     parts, machine = machine_with_free(dofs)
     machine.joints["guide"].stiffness[list(dofs), list(dofs)] = 1.0
@@ -79,36 +83,36 @@ def test_loads_that_do_no_work_on_the_free_motions_have_the_answer_of_a_very_sof
 
 
 @pytest.mark.parametrize("frame", [Frame(), ODD], ids=["straight", "turned"])
-def test_a_free_turn_about_the_tool_leaves_the_forces_through_it_alone(frame):
+def test_a_free_turn_about_the_tool_leaves_the_forces_through_it_alone(frame: Frame) -> None:
     superelements, machine = machine_with_free((5,))
     coupled = couple(superelements, orient_machine(machine, frame), HOME)
     budget = point_budget(coupled, "tcp")
     assert not np.isnan(budget.compliance[:3, :3]).any()
     assert np.isnan(np.linalg.norm(budget.compliance[3:, 3:]))
     assert budget.free and sum(budget.shares["x"].values()) == pytest.approx(1.0, abs=1e-9)
-    assert find_weakest_link(coupled, "tcp", "x", budget).change < 0.0
+    assert present(find_weakest_link(coupled, "tcp", "x", budget)).change < 0.0
 
 
-def test_the_solver_alone_refuses_a_mechanism_too():
+def test_the_solver_alone_refuses_a_mechanism_too() -> None:
     system = couple(*machine_with_free((0,)), HOME).system
     with pytest.raises(ModelError, match=r"1 rigid motion\(s\) are free"):
         solve_static(system, system.inputs["tcp", "x"])
 
 
-def test_modes_go_on_and_name_the_free_motion():
+def test_modes_go_on_and_name_the_free_motion() -> None:
     coupled = couple(*machine_with_free((0,)), HOME)
     names = name_modes(coupled, solve_modal(coupled.system)).names
     assert names[0] == "free X translation of column + slider" or names[0] == "free X translation of slider + column"
     assert not any(name.startswith("free") for name in names[1:])
 
 
-def test_a_free_slide_of_a_held_joint_is_found_as_well():
+def test_a_free_slide_of_a_held_joint_is_found_as_well() -> None:
     coupled = couple(*machine_with_free((1,), held=(0, 2, 3, 4, 5)), HOME)
     (motion,) = find_free_motions(coupled)
     assert motion.motion == "Y translation" and set(motion.bodies) == {"slider", "column"}
 
 
-def test_a_soft_spring_is_not_taken_for_a_free_motion():
+def test_a_soft_spring_is_not_taken_for_a_free_motion() -> None:
     superelements, machine = machine_with_free((0,))
     machine.joints["guide"].stiffness[0, 0] = 1e-2
     coupled = couple(superelements, machine, HOME)

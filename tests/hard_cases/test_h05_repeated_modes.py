@@ -7,17 +7,19 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
+from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
-from headstock.validation.parts.component_models import full_model, full_modes
+from headstock.validation.parts.component_models import FullModel, FullModes, full_model, full_modes
 
 COMM = MPI.COMM_SELF
 SIDE, HEIGHT = 0.1, 0.8
 
 
 @pytest.fixture(scope="module")
-def column(make_box, make_component):
+def column() -> tuple[FullModel, FullModes]:
     """A square column clamped at its foot: bending comes in pairs."""
     mesh = make_box((2, 2, 6), (SIDE, SIDE, HEIGHT))
     held = np.repeat((mesh.points[:, 2] < 1e-9)[:, None], 3, axis=1)
@@ -25,20 +27,20 @@ def column(make_box, make_component):
     return model, full_modes(model, 10)
 
 
-def angle(model, one, other):
+def angle(model: FullModel, one: FloatArray, other: FloatArray) -> float:
     """Sine of the largest angle between two subspaces, in the mass."""
     basis = model.operators.apply_mass(one)
     gram = np.linalg.inv(one.T @ basis) @ (basis.T @ other)
     rest = other - one @ gram
     sizes = np.sqrt(np.linalg.eigvalsh(rest.T @ model.operators.apply_mass(rest)).clip(0.0)[-1])
-    return sizes / np.sqrt(np.linalg.eigvalsh(other.T @ model.operators.apply_mass(other))[0])
+    return float(sizes / np.sqrt(np.linalg.eigvalsh(other.T @ model.operators.apply_mass(other))[0]))
 
 
-def twins(frequencies):
+def twins(frequencies: FloatArray) -> list[int]:
     return [i for i in range(len(frequencies) - 1) if frequencies[i + 1] < frequencies[i] * (1.0 + 1e-4)]
 
 
-def test_twins_of_a_symmetric_mesh_are_not_split(column):
+def test_twins_of_a_symmetric_mesh_are_not_split(column: tuple[FullModel, FullModes]) -> None:
     _, modes = column
     pairs = twins(modes.frequencies_hz)
     assert len(pairs) >= 3 and pairs[0] == 0
@@ -46,7 +48,7 @@ def test_twins_of_a_symmetric_mesh_are_not_split(column):
     assert max(split) < 1e-7
 
 
-def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(column):
+def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(column: tuple[FullModel, FullModes]) -> None:
     model, modes = column
     found = modes.frequencies_hz
     gaps = [i for i in range(1, len(found)) if found[i] > found[i - 1] * (1.0 + 1e-4)]
@@ -56,7 +58,7 @@ def test_the_multiplicity_of_every_mode_is_that_of_a_sturm_count(column):
         assert count_frequencies_below(model.operators, model.owned_held, middle) == below
 
 
-def test_twins_span_the_same_plane_in_another_solver(column):
+def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, FullModes]) -> None:
     model, modes = column
     free = np.flatnonzero(~model.owned_held)
     stiffness = scipy.sparse.csc_matrix(model.operators.stiffness)[free][:, free]
@@ -73,7 +75,7 @@ def test_twins_span_the_same_plane_in_another_solver(column):
         assert angle(model, modes.shapes[:, first : first + 2], other[:, first : first + 2]) < 1e-6
 
 
-def test_twins_span_the_same_plane_from_any_start(column):
+def test_twins_span_the_same_plane_from_any_start(column: tuple[FullModel, FullModes]) -> None:
     model, modes = column
     start = np.random.default_rng(99).standard_normal((model.operators.owned_dofs, 8))
     with ConstrainedSolver(model.operators, model.owned_held, np.zeros((len(start), 0))) as solver:
@@ -87,7 +89,7 @@ def test_twins_span_the_same_plane_from_any_start(column):
 
 
 @pytest.mark.parametrize("multiplicity", [5, 7, 13])
-def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completely(multiplicity):
+def test_a_mode_that_occurs_more_often_than_the_block_is_wide_is_found_completely(multiplicity: int) -> None:
     # a sphere has 5-fold modes and a cross of beams 7-fold ones; the block has 4 columns
     rng = np.random.default_rng(multiplicity)
     values = np.concatenate([[1.0], np.full(multiplicity, 2.0), np.linspace(3.0, 400.0, 300)])

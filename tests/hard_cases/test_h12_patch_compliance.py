@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
+from common import make_box
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.parts.components import Component, CouplingKind, Interface, Material, MeshSettings, Patch, Support
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 
 COMM = MPI.COMM_SELF
@@ -20,7 +23,7 @@ PAD = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.04, 0.04))
 CLAMP = (Support("clamp", "block", (Patch("z-"),), ("x", "y", "z")),)
 
 
-def pad_compliance(coupling, cells, size):
+def pad_compliance(coupling: CouplingKind, cells: str, size: float) -> FloatArray:
     component = Component(
         "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)}, mesh=MeshSettings(size, 2, cells)
     )
@@ -30,7 +33,9 @@ def pad_compliance(coupling, cells, size):
 
 
 @pytest.mark.parametrize(("coupling", "cells"), [("average", "hex"), ("average", "tet"), ("rigid", "hex"), ("rigid", "tet")])
-def test_halving_the_element_size_changes_how_far_a_force_moves_a_patch_by_less_than_three_percent(coupling, cells):
+def test_halving_the_element_size_changes_how_far_a_force_moves_a_patch_by_less_than_three_percent(
+    coupling: CouplingKind, cells: str
+) -> None:
     coarse, fine = (np.diag(pad_compliance(coupling, cells, PAD.size[0] / count)) for count in (4, 8))
     assert np.abs(coarse / fine - 1.0)[:3].max() < 0.03
     if (coupling, cells) == ("average", "hex"):
@@ -38,12 +43,12 @@ def test_halving_the_element_size_changes_how_far_a_force_moves_a_patch_by_less_
         assert np.abs(coarse / fine - 1.0).max() < 0.03
 
 
-def corner_facet(centers):
+def corner_facet(centers: FloatArray) -> BoolArray:
     return (centers[:, 2] > SIZE[2] - 1e-9) & (np.abs(centers[:, :2]) < 0.015).all(axis=1)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_patch_of_one_facet_is_refused_with_a_remedy(make_box, coupling):
+def test_a_patch_of_one_facet_is_refused_with_a_remedy(coupling: CouplingKind) -> None:
     mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
     assert len(mesh.patches["pad"]) == 1
     component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)})
@@ -53,21 +58,21 @@ def test_a_patch_of_one_facet_is_refused_with_a_remedy(make_box, coupling):
         reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
 
 
-def test_a_patch_of_one_facet_is_kept_with_a_warning_when_forced(make_box):
+def test_a_patch_of_one_facet_is_kept_with_a_warning_when_forced() -> None:
     mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
     component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid", force=True)})
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
     assert any("force = true" in warning for warning in element.warnings)
 
 
-def test_a_whole_face_that_is_one_facet_is_an_area(make_box):
+def test_a_whole_face_that_is_one_facet_is_an_area() -> None:
     mesh = make_box((1, 1, 2), SIZE, {"pad": "z+", "support:clamp": "z-"})
     component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (Patch("z+"),))})
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
     assert [warning for warning in element.warnings if "pad" in warning or "facet" in warning] == []
 
 
-def point_compliance(make_box, counts):
+def point_compliance(counts: tuple[int, int, int]) -> tuple[float, Superelement]:
     mesh = make_box(counts, SIZE, {"support:clamp": "z-"}, kind="hex8")
     middle = np.flatnonzero(np.linalg.norm(mesh.points - [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]], axis=1) < 1e-9)
     mesh = dataclasses.replace(mesh, patches=mesh.patches | {"pad": np.repeat(middle[:, None], 4, axis=1)})
@@ -76,15 +81,15 @@ def point_compliance(make_box, counts):
     return 1.0 / element.stiffness[2, 2], element
 
 
-def test_the_compliance_of_a_forced_point_grows_as_the_mesh_is_refined_and_says_so(make_box):
-    values = [point_compliance(make_box, (n, n, n // 2))[0] for n in (4, 8, 16)]
+def test_the_compliance_of_a_forced_point_grows_as_the_mesh_is_refined_and_says_so() -> None:
+    values = [point_compliance((n, n, n // 2))[0] for n in (4, 8, 16)]
     steps = np.diff(values)
     # 1/h: every halving adds twice as much as the one before
     assert 1.5 < steps[1] / steps[0] < 2.5
-    assert any("grows without bound" in warning for warning in point_compliance(make_box, (4, 4, 2))[1].warnings)
+    assert any("grows without bound" in warning for warning in point_compliance((4, 4, 2))[1].warnings)
 
 
-def test_a_point_is_refused_unless_forced(make_box):
+def test_a_point_is_refused_unless_forced() -> None:
     mesh = make_box((2, 2, 2), SIZE, {"support:clamp": "z-"})
     mesh = dataclasses.replace(mesh, patches=mesh.patches | {"pad": np.full((1, 9), len(mesh.points) - 1)})
     component = Component("block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid")})

@@ -7,10 +7,10 @@ import pytest
 from lumped_machines import joint_between, lumped_machine, two_node_body
 
 from headstock.geometry.frames import Frame, rigid_transfer
-from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance
-from headstock.reduction.superelement import Attachment
+from headstock.reduction.superelement import Attachment, Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 HOME = Pose("home")
@@ -18,7 +18,7 @@ SPRING = (2e7, 3e7, 5e7, 1e6, 2e6, 3e6)
 SIDE = np.array([0.1, 0.0, 0.5])
 
 
-def split_head(superelement):
+def split_head(superelement: Superelement) -> Superelement:
     """The same column with a third node ``side`` that rides rigidly on ``head``: six rows tie it, its matrices are shared out."""
     ride = np.zeros((18, 12))
     ride[:12] = np.eye(12)
@@ -40,7 +40,7 @@ def split_head(superelement):
     )
 
 
-def machines():
+def machines() -> tuple[tuple[dict[str, Superelement], Machine], tuple[dict[str, Superelement], Machine]]:
     component, merged = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))
     one = dataclasses.replace(merged, attachments=merged.attachments | {"side": Attachment(1, Frame(SIDE))})
     joints = [
@@ -51,7 +51,7 @@ def machines():
     return tuple(lumped_machine([(component, part)], joints, points) for part in (one, split_head(merged)))
 
 
-def test_tied_nodes_equal_the_merged_node():
+def test_tied_nodes_equal_the_merged_node() -> None:
     merged, split = (couple(*parts, HOME) for parts in machines())
     assert len(split.system.labels) == len(merged.system.labels) == 12
     np.testing.assert_allclose(solve_modal(split.system).frequencies_hz, solve_modal(merged.system).frequencies_hz, rtol=1e-10)
@@ -59,7 +59,7 @@ def test_tied_nodes_equal_the_merged_node():
     np.testing.assert_allclose(point_compliance(split, "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
 
 
-def test_rows_said_twice_are_counted_and_change_nothing():
+def test_rows_said_twice_are_counted_and_change_nothing() -> None:
     superelements, machine = machines()[1]
     part = superelements["column"]
     doubled = dataclasses.replace(part, constraints=np.vstack([part.constraints, 3.0 * part.constraints]))
@@ -70,7 +70,7 @@ def test_rows_said_twice_are_counted_and_change_nothing():
 
 
 @pytest.mark.parametrize("joined", ["head", "side"])
-def test_a_joint_at_either_of_two_tied_interfaces_acts_on_both(joined):
+def test_a_joint_at_either_of_two_tied_interfaces_acts_on_both(joined: str) -> None:
     _, (superelements, machine) = machines()
     brace = joint_between("brace", "ground", f"column.{joined}", stiffness=SPRING, point=(0.0, 0.0, 0.5))
     parts = (superelements, dataclasses.replace(machine, joints=machine.joints | {"brace": brace}))

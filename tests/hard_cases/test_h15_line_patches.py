@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import Dense, make_box, make_component
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import CouplingKind
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget
@@ -21,7 +25,7 @@ LINES = {
 
 
 @pytest.fixture(scope="module", params=list(LINES))
-def line(request, make_box):
+def line(request: pytest.FixtureRequest) -> tuple[ComponentMesh, IntArray, FloatArray]:
     chosen, axis = LINES[request.param]
     mesh = make_box((2, 2, 3), SIZE, {"foot": "z-"})
     nodes = np.flatnonzero(chosen(mesh.points))
@@ -31,13 +35,15 @@ def line(request, make_box):
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_line_is_refused_unless_forced(line, make_component, coupling):
+def test_a_line_is_refused_unless_forced(line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind) -> None:
     with pytest.raises(ModelError, match="line of component body is a point or a line"):
         reduce_elastic(make_component({"foot": "rigid", "line": coupling}), line[0], comm=COMM, request=MODES)
 
 
 @pytest.mark.parametrize("coupling", ["rigid!", "average!"])
-def test_the_rotation_about_the_line_is_held_and_named(line, make_component, coupling):
+def test_the_rotation_about_the_line_is_held_and_named(
+    line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
+) -> None:
     mesh, _, axis = line
     element = reduce_elastic(make_component({"foot": "rigid", "line": coupling}), mesh, comm=COMM, request=MODES)
     node = element.attachments["line"].node
@@ -54,7 +60,7 @@ def test_the_rotation_about_the_line_is_held_and_named(line, make_component, cou
     assert direction in said or opposite.replace("-0.000", "+0.000") in said or opposite in said
 
 
-def test_the_other_five_motions_are_those_of_a_rigid_line(line, make_component, dense):
+def test_the_other_five_motions_are_those_of_a_rigid_line(line: tuple[ComponentMesh, IntArray, FloatArray], dense: Dense) -> None:
     mesh, nodes, axis = line
     element = reduce_elastic(make_component({"foot": "rigid", "line": "rigid!"}), mesh, comm=COMM, request=MODES)
     stiffness, _ = dense.pencil(mesh, make_component().material)
@@ -78,7 +84,9 @@ def test_the_other_five_motions_are_those_of_a_rigid_line(line, make_component, 
     assert (np.abs(found - exact) / scale).max() < 1e-9
 
 
-def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(line, make_component):
+def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(
+    line: tuple[ComponentMesh, IntArray, FloatArray],
+) -> None:
     mesh, _, _ = line
     rigid, average = (
         reduce_elastic(make_component({"foot": "rigid", "line": f"{coupling}!"}), mesh, comm=COMM, request=MODES)
@@ -93,7 +101,7 @@ def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(lin
     assert np.linalg.eigvalsh(soft - stiff).min() > -1e-9 * np.abs(stiff).max()
 
 
-def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(line, make_component):
+def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(line: tuple[ComponentMesh, IntArray, FloatArray]) -> None:
     mesh, _, _ = line
     mesh = dataclasses.replace(mesh, patches={"line": mesh.patches["line"]})
     with pytest.raises(ModelError, match="1 rigid motions of the component are held by no interface"):

@@ -10,11 +10,12 @@ import pytest
 from faults.runs import SCENE
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
 
 JOINT = '\n[joints.odd]\nbetween = ["ground", "column.tip"]\nkind = "spring"\nstiffness = { x = VALUE }\n'
 
 
-def load(folder: Path, text: str, value: str):
+def load(folder: Path, text: str, value: str) -> Scene:
     path = folder / "scene.toml"
     path.write_text(text.replace("VALUE", value))
     return load_scene(path)

@@ -2,16 +2,19 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
+from common import Dense, make_box, make_component
+from headstock.geometry.parts.components import Component, CouplingKind, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.validation.parts.component_models import full_model, full_modes
@@ -21,9 +24,10 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = np.array([0.4, 0.7, 1.0])
 SIZES = [1e-6, 1e-3, 1e4]
 WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
+ReduceAt = tuple[Callable[[float], Superelement], Superelement]  # a body of any length, and that of 1 m
 
 
-def meshed(length, coupling, cells):
+def meshed(length: float, coupling: CouplingKind, cells: str) -> Component:
     size = tuple(float(f"{side * length:.12g}") for side in SIZE)
     pad = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.2 * length, 0.2 * length))
     interfaces = {"foot": Interface("foot", (Patch("z-"),), coupling), "pad": Interface("pad", (pad,), coupling)}
@@ -31,9 +35,9 @@ def meshed(length, coupling, cells):
 
 
 @pytest.fixture(scope="module", params=[("rigid", "tet"), ("average", "hex")], ids=["rigid tet", "average hex"])
-def reduce_at(request):
+def reduce_at(request: pytest.FixtureRequest) -> ReduceAt:
     @functools.cache
-    def reduce_size(length):
+    def reduce_size(length: float) -> Superelement:
         component = meshed(length, *request.param)
         return reduce_elastic(component, mesh_component(component), comm=COMM, request=WANTED)
 
@@ -41,7 +45,7 @@ def reduce_at(request):
 
 
 @pytest.mark.parametrize("length", SIZES)
-def test_frequencies_go_with_one_over_length(reduce_at, dense, length):
+def test_frequencies_go_with_one_over_length(reduce_at: ReduceAt, dense: Dense, length: float) -> None:
     reduce_size, unit = reduce_at
     element = reduce_size(length)
     check_superelement(element)
@@ -51,7 +55,7 @@ def test_frequencies_go_with_one_over_length(reduce_at, dense, length):
 
 
 @pytest.mark.parametrize("length", SIZES)
-def test_compliances_go_with_one_over_length(reduce_at, length):
+def test_compliances_go_with_one_over_length(reduce_at: ReduceAt, length: float) -> None:
     reduce_size, unit = reduce_at
     element = reduce_size(length)
     units = np.array([1.0, 1.0, 1.0, 1.0 / length, 1.0 / length, 1.0 / length])
@@ -65,7 +69,9 @@ def test_compliances_go_with_one_over_length(reduce_at, length):
 
 @pytest.mark.parametrize("shift", [1e4, -1e4])
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_an_offset_of_ten_kilometres_changes_frequencies_by_less_than_a_millionth(make_box, make_component, dense, shift, coupling):
+def test_an_offset_of_ten_kilometres_changes_frequencies_by_less_than_a_millionth(
+    dense: Dense, shift: float, coupling: CouplingKind
+) -> None:
     mesh = make_box((2, 2, 3), tuple(SIZE), {"foot": "z-", "tip": "z+"}, kind="tet10")
     far = dataclasses.replace(mesh, points=mesh.points + np.array([shift, -shift, 0.5 * shift]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))
@@ -78,7 +84,7 @@ def test_an_offset_of_ten_kilometres_changes_frequencies_by_less_than_a_milliont
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_mass_and_inertia_do_not_cancel_ten_kilometres_away(make_box, make_component, coupling):
+def test_mass_and_inertia_do_not_cancel_ten_kilometres_away(coupling: CouplingKind) -> None:
     mesh = make_box((2, 2, 3), tuple(SIZE), {"foot": "z-", "tip": "z+"}, kind="tet10")
     far = dataclasses.replace(mesh, points=mesh.points + np.array([1e4, -1e4, 5e3]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))

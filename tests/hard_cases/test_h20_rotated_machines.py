@@ -5,15 +5,16 @@ import pytest
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import Frame, rotate_dofs, rotation_about
-from headstock.geometry.machine.machine import Pose, orient_machine
+from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_budget, point_compliance
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
 
 HOME = Pose("home")
 
 
-def skew_machine():
+def skew_machine() -> tuple[dict[str, Superelement], Machine]:
     """Bodies placed askew, springs, held dofs and a ball screw's single stiffness in turned joint frames."""
     askew = Frame(np.array([0.1, -0.2, 0.3]), rotation_about(np.array([0.3, -1.0, 0.4]), 0.6))
     bed = rigid_body("bed", 300.0, {"foot": (0, 0, -0.4), "rail": (0.1, 0, 0)}, center=(0, 0.1, -0.2), inertia=(9, 10, 11))
@@ -30,7 +31,7 @@ def skew_machine():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_frequencies_and_compliance_follow_a_random_set_up(seed):
+def test_frequencies_and_compliance_follow_a_random_set_up(seed: int) -> None:
     generator = np.random.default_rng(seed)
     frame = Frame(generator.normal(size=3) * 10.0, rotation_about(generator.normal(size=3), generator.uniform(0.0, np.pi)))
     superelements, machine = skew_machine()
@@ -41,7 +42,7 @@ def test_frequencies_and_compliance_follow_a_random_set_up(seed):
     np.testing.assert_allclose(point_compliance(turned, "tcp"), expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
 
 
-def test_shares_of_a_quarter_turn_swap_directions():
+def test_shares_of_a_quarter_turn_swap_directions() -> None:
     quarter = Frame(np.zeros(3), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     superelements, machine = skew_machine()
     home = point_budget(couple(superelements, machine, HOME), "tcp").shares
@@ -51,13 +52,13 @@ def test_shares_of_a_quarter_turn_swap_directions():
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e4])
-def test_a_shifted_origin_changes_nothing(distance):
+def test_a_shifted_origin_changes_nothing(distance: float) -> None:
     superelements, machine = skew_machine()
     moved = orient_machine(machine, Frame(np.array([distance, -distance, 0.5 * distance])))
     found = solve_modal(couple(superelements, moved, HOME).system).frequencies_hz
     np.testing.assert_allclose(found, solve_modal(couple(superelements, machine, HOME).system).frequencies_hz, rtol=1e-9)
 
 
-def test_a_frame_that_is_not_orthonormal_is_refused():
+def test_a_frame_that_is_not_orthonormal_is_refused() -> None:
     with pytest.raises(ValueError, match="orthonormal"):
         Frame(np.zeros(3), np.diag([1.0, 1.0, 1.001]))

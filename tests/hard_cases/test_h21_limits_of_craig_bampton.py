@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.parts.components import Load, Patch
+from common import Dense, make_box, make_component, present
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import CouplingKind, Load, Patch
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 
 COMM = MPI.COMM_SELF
@@ -20,12 +24,12 @@ ALL = 10**6
 
 
 @pytest.fixture(scope="module")
-def block(make_box, make_component, dense):
+def block(dense: Dense) -> tuple[ComponentMesh, FloatArray, FloatArray]:
     mesh = make_box((1, 1, 4), SIZE, GROUPS)
     return mesh, *dense.pencil(mesh, make_component().material)
 
 
-def reduced(mesh, make_component, couplings, count, **wanted):
+def reduced(mesh: ComponentMesh, couplings: tuple[str, str], count: int, **wanted: bool | tuple[Load, Load]) -> Superelement:
     foot, tip = couplings
     component = make_component({"foot": foot, "tip": tip}, size=SIZE)
     return reduce_elastic(
@@ -33,36 +37,42 @@ def reduced(mesh, make_component, couplings, count, **wanted):
     )
 
 
-def assert_spectrum(found, exact, tolerance):
+def assert_spectrum(found: FloatArray, exact: FloatArray, tolerance: float) -> None:
     assert len(found) == len(exact)
     assert found[:6].max() < 1e-5 * exact[6]
     np.testing.assert_allclose(found[6:], exact[6:], rtol=tolerance)
 
 
-def test_all_modes_between_rigid_faces_are_the_full_model(block, make_component, dense):
+def test_all_modes_between_rigid_faces_are_the_full_model(
+    block: tuple[ComponentMesh, FloatArray, FloatArray], dense: Dense
+) -> None:
     mesh, stiffness, mass = block
     basis, _ = dense.rigid_map(mesh, ["foot", "tip"])
     exact = dense.frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
-    element = reduced(mesh, make_component, ("rigid", "rigid"), ALL)
+    element = reduced(mesh, ("rigid", "rigid"), ALL)
     assert_spectrum(dense.frequencies(element.stiffness, element.mass), exact, 1e-9)
     assert element.cutoff_hz == np.inf
 
 
 @pytest.mark.parametrize("couplings", [("average", "average"), ("rigid", "average")], ids=["average", "mixed"])
-def test_all_modes_behind_averaging_faces_are_the_full_model(block, make_component, dense, couplings):
+def test_all_modes_behind_averaging_faces_are_the_full_model(
+    block: tuple[ComponentMesh, FloatArray, FloatArray], dense: Dense, couplings: tuple[str, str]
+) -> None:
     mesh, stiffness, mass = block
     basis, _ = dense.rigid_map(mesh, [name for name, kind in zip(("foot", "tip"), couplings, strict=True) if kind == "rigid"])
     exact = dense.frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
-    element = reduced(mesh, make_component, couplings, ALL)
+    element = reduced(mesh, couplings, ALL)
     assert_spectrum(dense.frequencies(element.stiffness, element.mass), exact, 1e-9)
 
 
-def test_no_modes_between_rigid_faces_are_guyans_condensation(block, make_component, dense):
+def test_no_modes_between_rigid_faces_are_guyans_condensation(
+    block: tuple[ComponentMesh, FloatArray, FloatArray], dense: Dense
+) -> None:
     mesh, stiffness, mass = block
     basis, _ = dense.rigid_map(mesh, ["foot", "tip"])
     stiffness, mass = basis.T @ stiffness @ basis, basis.T @ mass @ basis
     static = np.vstack([np.eye(12), -np.linalg.solve(stiffness[12:, 12:], stiffness[12:, :12])])
-    element = reduced(mesh, make_component, ("rigid", "rigid"), 0)
+    element = reduced(mesh, ("rigid", "rigid"), 0)
     guyan_stiffness, guyan_mass = static.T @ stiffness @ static, static.T @ mass @ static
     assert np.abs(element.stiffness - guyan_stiffness).max() < 1e-10 * np.abs(guyan_stiffness).max()
     assert np.abs(element.mass - guyan_mass).max() < 1e-10 * np.abs(guyan_mass).max()
@@ -72,10 +82,12 @@ def test_no_modes_between_rigid_faces_are_guyans_condensation(block, make_compon
 
 @pytest.mark.parametrize("count", [0, 1, 7, 30])
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(block, make_component, count, coupling):
+def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
+    block: tuple[ComponentMesh, FloatArray, FloatArray], count: int, coupling: CouplingKind
+) -> None:
     mesh, stiffness, _ = block
     # foot held as it is coupled, unit forces and moments on the tip
-    element = reduced(mesh, make_component, ("rigid", coupling), count)
+    element = reduced(mesh, ("rigid", coupling), count)
     rows = {name: slice(6 * a.node, 6 * a.node + 6) for name, a in element.attachments.items()}
     free = np.r_[np.arange(*rows["tip"].indices(len(element.stiffness))), np.arange(12, len(element.stiffness))]
     found = np.linalg.inv(element.stiffness[np.ix_(free, free)])[:6, :6]
@@ -84,7 +96,7 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(blo
     assert (np.abs(found - exact) / scale).max() < 1e-9
 
 
-def tip_compliance(mesh, stiffness, coupling):
+def tip_compliance(mesh: ComponentMesh, stiffness: FloatArray, coupling: CouplingKind) -> FloatArray:
     """Compliance of the tip by a saddle-point system on the whole model, the foot's points held."""
     tip = np.unique(mesh.patches["tip"])
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
@@ -111,7 +123,7 @@ def tip_compliance(mesh, stiffness, coupling):
     return operator[inner].T @ compliance
 
 
-def consistent_weights(places):
+def consistent_weights(places: FloatArray) -> FloatArray:
     """``integral N_i N_j dA`` over the one biquadratic facet of the tip, as a product of line integrals."""
     order = np.lexsort((places[:, 1], places[:, 0]))
     line = np.array([[4, 2, -1], [2, 16, 2], [-1, 2, 4]]) / 30.0
@@ -122,9 +134,11 @@ def consistent_weights(places):
 
 @pytest.mark.parametrize("count", [0, 5, ALL])
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(block, make_component, count, coupling):
+def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
+    block: tuple[ComponentMesh, FloatArray, FloatArray], count: int, coupling: CouplingKind
+) -> None:
     mesh, stiffness, mass = block
-    element = reduced(mesh, make_component, ("rigid", coupling), count, loads=LOADS, gravity=True)
+    element = reduced(mesh, ("rigid", coupling), count, loads=LOADS, gravity=True)
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
     tip = np.unique(mesh.patches["tip"])
     basis = np.eye(len(free))[:, free]
@@ -150,11 +164,11 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(b
         active = np.setdiff1d(np.arange(len(element.stiffness)), np.arange(held.start, held.stop))
         answer = np.zeros(len(element.stiffness))
         answer[active] = np.linalg.solve(element.stiffness[np.ix_(active, active)], element.loads[name].vector[active])
-        found = element.recovery.basis @ answer + element.loads[name].particular.ravel()
+        found = present(element.recovery).basis @ answer + present(element.loads[name].particular).ravel()
         assert np.abs(found - exact).max() < 1e-9 * np.abs(exact).max(), name
 
 
-def surface_load(mesh, group, traction):
+def surface_load(mesh: ComponentMesh, group: str, traction: list[float]) -> FloatArray:
     """Consistent nodal forces of a uniform traction on rectangular biquadratic facets: Simpson's weights times the area."""
     simpson = np.array([1.0, 1, 1, 1, 4, 4, 4, 4, 16]) / 36.0
     force = np.zeros((len(mesh.points), 3))
@@ -165,12 +179,12 @@ def surface_load(mesh, group, traction):
     return force.ravel()
 
 
-def test_a_static_reduction_needs_no_mass(block, make_component):
+def test_a_static_reduction_needs_no_mass(block: tuple[ComponentMesh, FloatArray, FloatArray]) -> None:
     mesh, _, _ = block
     element = reduce_elastic(make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest())
     assert not element.mass.any()
     assert element.stiffness.shape == (12, 12)
-    with_mass = reduced(mesh, make_component, ("rigid", "rigid"), 3)
+    with_mass = reduced(mesh, ("rigid", "rigid"), 3)
     np.testing.assert_allclose(
         element.stiffness, with_mass.stiffness[:12, :12], rtol=1e-12, atol=1e-12 * np.abs(element.stiffness).max()
     )

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import Dense, make_box, make_component
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.block_lanczos import ModeTarget
@@ -17,11 +19,11 @@ FLOOR = 1e-7
 
 
 @pytest.fixture(scope="module", params=["rigid", "average"])
-def frequencies(request, make_box, make_component, dense):
+def frequencies(request: pytest.FixtureRequest, dense: Dense) -> tuple[list[FloatArray], FloatArray]:
     mesh = make_box((1, 2, 8), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
     component = make_component({"foot": request.param, "tip": request.param}, size=SIZE)
 
-    def reduced(count):
+    def reduced(count: int) -> FloatArray:
         element = reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count), recovery=False))
         return dense.frequencies(element.stiffness, element.mass)[6:]
 
@@ -33,7 +35,7 @@ def frequencies(request, make_box, make_component, dense):
     return ladder, full
 
 
-def test_every_reduced_frequency_lies_above_the_full_one(frequencies):
+def test_every_reduced_frequency_lies_above_the_full_one(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
     ladder, full = frequencies
     for found in ladder:
         shared = min(len(found), len(full))
@@ -41,7 +43,7 @@ def test_every_reduced_frequency_lies_above_the_full_one(frequencies):
         assert (found[:shared] >= full[:shared] * (1.0 - FLOOR)).all()
 
 
-def test_frequencies_fall_with_every_mode_kept(frequencies):
+def test_frequencies_fall_with_every_mode_kept(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
     ladder, _ = frequencies
     for coarse, fine in pairwise(ladder):
         shared = min(len(coarse), len(fine))
@@ -49,6 +51,6 @@ def test_frequencies_fall_with_every_mode_kept(frequencies):
         assert (fine[:shared] <= coarse[:shared] * (1.0 + FLOOR)).all()
 
 
-def test_forty_modes_bring_the_first_ten_within_a_percent(frequencies):
+def test_forty_modes_bring_the_first_ten_within_a_percent(frequencies: tuple[list[FloatArray], FloatArray]) -> None:
     ladder, full = frequencies
     assert np.abs(ladder[-1][:10] / full[:10] - 1.0).max() < 1e-2

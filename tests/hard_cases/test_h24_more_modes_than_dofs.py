@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import make_box, make_component
+from headstock.geometry.parts.components import Component, CouplingKind
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
@@ -15,12 +19,12 @@ COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.2)
 
 
-def reduced(mesh, component, count):
+def reduced(mesh: ComponentMesh, component: Component, count: int) -> Superelement:
     return reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count)))
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_count_above_the_interior_dofs_gives_all_of_them(make_box, make_component, coupling):
+def test_a_count_above_the_interior_dofs_gives_all_of_them(coupling: CouplingKind) -> None:
     mesh = make_box((1, 1, 2), SIZE, {"foot": "z-", "tip": "z+"})
     element = reduced(mesh, make_component({"foot": coupling, "tip": coupling}, size=SIZE), 100_000)
     interior = 3 * 27 if coupling == "rigid" else 3 * 45 - 12
@@ -29,7 +33,7 @@ def test_a_count_above_the_interior_dofs_gives_all_of_them(make_box, make_compon
     check_superelement(element)
 
 
-def test_just_as_many_modes_as_interior_dofs_are_all(make_box, make_component):
+def test_just_as_many_modes_as_interior_dofs_are_all() -> None:
     mesh = make_box((1, 1, 1), SIZE, {"foot": "z-", "tip": "z+"})
     element = reduced(mesh, make_component({"foot": "rigid", "tip": "rigid"}, size=SIZE), 27)
     assert element.modal_count == 27
@@ -37,7 +41,7 @@ def test_just_as_many_modes_as_interior_dofs_are_all(make_box, make_component):
 
 
 @pytest.mark.parametrize("count", [0, 5])
-def test_two_patches_that_hold_every_point_leave_no_modes(make_box, make_component, count):
+def test_two_patches_that_hold_every_point_leave_no_modes(count: int) -> None:
     mesh = make_box((1, 1, 1), SIZE, {"foot": "z-", "tip": "z+"}, kind="hex8")
     element = reduced(mesh, make_component({"foot": "rigid", "tip": "rigid"}, size=SIZE), count)
     assert element.modal_count == 0
@@ -49,7 +53,7 @@ def test_two_patches_that_hold_every_point_leave_no_modes(make_box, make_compone
     assert element.stiffness[2, 2] == pytest.approx(confined * SIZE[0] * SIZE[1] / SIZE[2], rel=1e-10)
 
 
-def test_one_rigid_interface_over_every_point_is_a_rigid_body(make_box, make_component):
+def test_one_rigid_interface_over_every_point_is_a_rigid_body() -> None:
     mesh = make_box((1, 1, 1), SIZE, {"all": lambda centers: np.ones(len(centers), dtype=bool)}, kind="tet10")
     # the block's middle is the only point that is not on its surface; straight tets of the lattice have a node there
     element = reduced(mesh, make_component({"all": "rigid"}, size=SIZE), 100)
@@ -58,13 +62,13 @@ def test_one_rigid_interface_over_every_point_is_a_rigid_body(make_box, make_com
     check_superelement(element)
 
 
-def test_all_modes_of_a_free_body_are_its_dofs_less_its_rigid_motions(make_box, make_component):
+def test_all_modes_of_a_free_body_are_its_dofs_less_its_rigid_motions() -> None:
     mesh = make_box((1, 1, 1), SIZE)
     element = reduced(mesh, make_component(size=SIZE), 10_000)
     assert element.modal_count == 3 * 27 - 6
 
 
-def test_a_full_model_asked_for_more_modes_than_it_has_gives_all(make_box, make_component):
+def test_a_full_model_asked_for_more_modes_than_it_has_gives_all() -> None:
     mesh = make_box((1, 1, 1), SIZE, kind="hex8")
     model = full_model(mesh, make_component().material, comm=COMM)
     modes = full_modes(model, 1000)

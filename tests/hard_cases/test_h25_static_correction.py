@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
+from common import present
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Material
 from headstock.reduction.coupling.coupling import couple
@@ -12,7 +13,7 @@ from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
 from headstock.solvers.linear.response_forms import sum_over_modes
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.second_order import input_columns, output_rows
+from headstock.solvers.second_order import SecondOrderSystem, input_columns, output_rows
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 
@@ -22,7 +23,7 @@ FRACTIONS = (0.970688, 0.995404, 0.998556, 0.999377, 0.999678)
 VERY_LOW = 1e-9
 
 
-def a_machine():
+def a_machine() -> SecondOrderSystem:
     """Bodies on springs between 1e4 and 1e10 N/m, so that frequencies spread over four decades."""
     base = rigid_body("base", 500.0, {"low": (0, 0, 0), "top": (0.1, 0.2, 0.3)})
     column = two_node_body("column", 40.0, 0.8, (2e7, 3e7, 4e8, 5e6, 5e6, 3e6))
@@ -36,8 +37,8 @@ def a_machine():
 
 
 @pytest.mark.parametrize("count", range(1, 6))
-def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_nothing(count):
-    coordinates = to_modal_coordinates(cantilever_system(BEAM, 60), [TIP], [TIP])
+def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_nothing(count: int) -> None:
+    coordinates = present(to_modal_coordinates(cantilever_system(BEAM, 60), [TIP], [TIP]))
     kept = keep_modes(coordinates, count)
     assert kept.elastic[0, 0] == pytest.approx(1.0 / 3.0, rel=1e-9)
     assert 1.0 - kept.residual[0, 0] / kept.elastic[0, 0] == pytest.approx(FRACTIONS[count - 1], abs=1e-6)
@@ -45,9 +46,9 @@ def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_n
     assert at_rest == pytest.approx(1.0 / 3.0, rel=1e-9)
 
 
-def test_the_correction_makes_the_kept_range_right_too():
+def test_the_correction_makes_the_kept_range_right_too() -> None:
     system = cantilever_system(BEAM, 60)
-    coordinates = to_modal_coordinates(system, [TIP], [TIP])
+    coordinates = present(to_modal_coordinates(system, [TIP], [TIP]))
     omega = 0.5 * coordinates.omega[1] * np.ones(1)
     exact = sum_over_modes(coordinates).evaluate(omega)[0, 0, 0].real
     corrected = sum_over_modes(keep_modes(coordinates, 2)).evaluate(omega)[0, 0, 0].real
@@ -55,7 +56,7 @@ def test_the_correction_makes_the_kept_range_right_too():
     assert abs(corrected / exact - 1.0) < 0.05 * abs(plain / exact - 1.0)
 
 
-def test_the_response_of_a_machine_at_rest_is_its_static_compliance():
+def test_the_response_of_a_machine_at_rest_is_its_static_compliance() -> None:
     system = a_machine()
     ports = [("tcp", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")]
     static = output_rows(system, ports) @ solve_static(system, input_columns(system, ports)).displacements

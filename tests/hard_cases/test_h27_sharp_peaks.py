@@ -13,7 +13,7 @@ PORT = ("end", "x")
 SIZE = 6
 
 
-def chain(zeta):
+def chain(zeta: float) -> SecondOrderSystem:
     """Masses in a row, each on a spring and a damper of its own to ground, so that damping couples the modes."""
     springs = 1e6 * np.linspace(1.0, 3.0, SIZE)
     stiffness = np.diag(springs) + 4e6 * (2.0 * np.eye(SIZE) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1))
@@ -24,11 +24,11 @@ def chain(zeta):
 
 @pytest.mark.parametrize("zeta", [1e-6, 1e-4, 1e-2])
 @pytest.mark.parametrize("points", [11, 97])
-def test_every_peak_stands_where_its_complex_mode_says_and_as_high(zeta, points):
+def test_every_peak_stands_where_its_complex_mode_says_and_as_high(zeta: float, points: int) -> None:
     system = chain(zeta)
     model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
     assert model.form.evaluate(np.ones(1)).shape == (1, 1, 1)
-    grid = refine_grid(np.linspace(0.0, 900.0, points), model.form.poles())
+    grid = refine_grid(np.linspace(0.0, 900.0, points, dtype=np.float64), model.form.poles())
     size = np.abs(evaluate_frf(model, grid).receptance[:, 0, 0])
     damped = solve_damped(system)
     for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
@@ -41,20 +41,20 @@ def test_every_peak_stands_where_its_complex_mode_says_and_as_high(zeta, points)
         assert grid[top] == pytest.approx(hz, rel=max(1e-4, zeta))
 
 
-def test_the_even_grid_alone_misses_the_peak():
+def test_the_even_grid_alone_misses_the_peak() -> None:
     model = prepare_frf(chain(1e-6), inputs=[PORT], outputs=[PORT])
-    base = np.linspace(0.0, 900.0, 97)
+    base = np.linspace(0.0, 900.0, 97, dtype=np.float64)
     even = np.abs(evaluate_frf(model, base).receptance).max()
     refined = np.abs(evaluate_frf(model, refine_grid(base, model.form.poles())).receptance).max()
     assert refined > 1000.0 * even
 
 
-def test_peaks_of_structural_damping_are_found_as_well():
+def test_peaks_of_structural_damping_are_found_as_well() -> None:
     eta = 2e-6
     system = chain(0.0)
     system = dataclasses.replace(system, damping=None, hysteretic=eta * system.stiffness)
     model = prepare_frf(system, inputs=[PORT], outputs=[PORT])
-    grid = refine_grid(np.linspace(0.0, 900.0, 31), model.form.poles())
+    grid = refine_grid(np.linspace(0.0, 900.0, 31, dtype=np.float64), model.form.poles())
     response = evaluate_frf(model, grid)
     (figures,) = find_stability_figures(model, response)
     squares, shapes = np.linalg.eigh(system.stiffness)

@@ -1,6 +1,7 @@
 """H28: zero, negative and absurdly high frequencies: statics or "free body", the conjugate, and inertia."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -12,12 +13,13 @@ from headstock.geometry.machine.machine import Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
+from headstock.solvers.second_order import SecondOrderSystem
 
 FREQUENCIES = np.array([1e-9, 0.3, 40.0, 777.0, 1e5, 1e9])
 SPRING = (5e7, 6e7, 8e7, 1e5, 2e5, 1e5)
 
 
-def two_bodies(*, grounded):
+def two_bodies(*, grounded: bool) -> SecondOrderSystem:
     base = rigid_body("base", 80.0, {"low": (0, 0, 0), "top": (0.1, 0.2, 0.3)}, inertia=(3.0, 4.0, 5.0))
     head = rigid_body("head", 12.0, {"seat": (0, 0, 0), "tool": (0.2, 0.1, -0.1)}, inertia=(0.3, 0.2, 0.1))
     joints = [joint_between("guide", "base.top", "head.seat", stiffness=SPRING)]
@@ -27,7 +29,7 @@ def two_bodies(*, grounded):
     return couple(*lumped_machine([base, head], joints, points), Pose("home")).system
 
 
-def dampings(system):
+def dampings(system: SecondOrderSystem) -> Iterator[tuple[str, SecondOrderSystem]]:
     lines = np.random.default_rng(1).standard_normal((len(system.mass), 3))
     yield "modal", add_modal_damping(system, [0.02])
     yield "coupled", dataclasses.replace(system, damping=100.0 * lines @ lines.T)
@@ -38,7 +40,7 @@ PORTS = [(place, dof) for place in ("tcp", "tool") for dof in ("x", "y", "z")]
 
 
 @pytest.mark.parametrize("name", ["modal", "coupled", "structural"])
-def test_negative_frequencies_give_the_conjugate_and_ports_are_reciprocal(name):
+def test_negative_frequencies_give_the_conjugate_and_ports_are_reciprocal(name: str) -> None:
     system = dict(dampings(two_bodies(grounded=True)))[name]
     forth = solve_frf(system, FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
     back = solve_frf(system, -FREQUENCIES, inputs=PORTS, outputs=PORTS).receptance
@@ -48,7 +50,7 @@ def test_negative_frequencies_give_the_conjugate_and_ports_are_reciprocal(name):
     assert (np.abs(forth - forth.transpose(0, 2, 1)) <= 1e-10 * size).all()
 
 
-def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give():
+def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give() -> None:
     system = dict(dampings(two_bodies(grounded=True)))["coupled"]
     omega = -2.0 * np.pi * 40.0
     rows = np.array([system.outputs[port] for port in PORTS])
@@ -58,7 +60,7 @@ def test_a_conjugate_is_what_the_equations_of_a_negative_frequency_give():
 
 
 @pytest.mark.parametrize("name", ["modal", "coupled", "structural"])
-def test_at_a_gigahertz_only_inertia_is_left(name):
+def test_at_a_gigahertz_only_inertia_is_left(name: str) -> None:
     system = dict(dampings(two_bodies(grounded=True)))[name]
     rows = np.array([system.outputs[port] for port in PORTS])
     omega = 2.0 * np.pi * 1e9
@@ -67,7 +69,7 @@ def test_at_a_gigahertz_only_inertia_is_left(name):
     np.testing.assert_allclose(found, inertia, rtol=1e-5, atol=1e-5 * np.abs(inertia).max())
 
 
-def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_elsewhere():
+def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_elsewhere() -> None:
     system = two_bodies(grounded=False)
     found = solve_frf(system, np.array([0.0, 1e-3]), inputs=PORTS, outputs=PORTS)
     inner, outer = slice(0, 3), slice(3, 6)
@@ -81,7 +83,7 @@ def test_a_machine_that_floats_answers_between_tool_and_work_and_is_named_free_e
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-1e9, 1e9), st.floats(0.0, 0.5))
-def test_reciprocity_and_conjugacy_hold_at_any_frequency(hz, zeta):
+def test_reciprocity_and_conjugacy_hold_at_any_frequency(hz: float, zeta: float) -> None:
     system = add_modal_damping(two_bodies(grounded=True), [zeta])
     found = solve_frf(system, np.array([hz, -hz]), inputs=PORTS, outputs=PORTS)
     if found.singular.any():

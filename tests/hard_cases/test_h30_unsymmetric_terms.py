@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
@@ -16,7 +17,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 PORTS = [("disk", "rx"), ("disk", "ry")]
 
 
-def rotor(spin, *, damping=0.0, circulation=0.0):
+def rotor(spin: float, *, damping: float = 0.0, circulation: float = 0.0) -> SecondOrderSystem:
     """A disk that tilts on springs and spins: polar inertia 2, diametral 1, tilting stiffness 1e4."""
     gyro = 2.0 * spin * np.array([[0.0, 1.0], [-1.0, 0.0]])
     stiffness = 1e4 * np.eye(2) + circulation * np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -24,19 +25,19 @@ def rotor(spin, *, damping=0.0, circulation=0.0):
     return SecondOrderSystem(np.eye(2), gyro + damping * np.eye(2), stiffness, rows, rows, ("rx", "ry"))
 
 
-def whirl(spin):
+def whirl(spin: float) -> FloatArray:
     """Backward and forward whirl: omega^2 +- 2 spin omega - 1e4 = 0."""
     return np.array([-spin + np.sqrt(spin**2 + 1e4), spin + np.sqrt(spin**2 + 1e4)])
 
 
 @pytest.mark.parametrize("spin", [0.0, 1.0, 40.0, 300.0])
-def test_gyroscopic_whirl_splits_as_the_closed_form_says(spin):
+def test_gyroscopic_whirl_splits_as_the_closed_form_says(spin: float) -> None:
     found = solve_damped(rotor(spin))
     np.testing.assert_allclose(np.sort(found.poles.imag), whirl(spin), rtol=1e-9)
     assert np.abs(found.poles.real).max() <= 1e-9 * np.abs(found.poles).max()
 
 
-def test_the_response_of_a_spinning_disk_is_not_reciprocal():
+def test_the_response_of_a_spinning_disk_is_not_reciprocal() -> None:
     system = rotor(40.0, damping=3.0)
     frequencies = np.array([0.0, 5.0, 12.0])
     found = solve_frf(system, frequencies, inputs=PORTS, outputs=PORTS)
@@ -48,7 +49,7 @@ def test_the_response_of_a_spinning_disk_is_not_reciprocal():
     assert abs(found.receptance[1, 0, 1] + found.receptance[1, 1, 0]) < 1e-12 * abs(found.receptance[1, 0, 1])
 
 
-def test_circulating_forces_make_one_whirl_grow_and_it_is_seen():
+def test_circulating_forces_make_one_whirl_grow_and_it_is_seen() -> None:
     system = rotor(0.0, damping=2.0, circulation=500.0)
     found = solve_damped(system)
     exact = np.roots([1.0, 2.0, 1e4 + 500.0j])
@@ -58,19 +59,19 @@ def test_circulating_forces_make_one_whirl_grow_and_it_is_seen():
     np.testing.assert_allclose(np.sort(find_poles(system).real), np.sort(np.concatenate([exact.real, exact.real])), rtol=1e-8)
 
 
-def test_a_symmetric_solver_refuses_what_is_not():
+def test_a_symmetric_solver_refuses_what_is_not() -> None:
     with pytest.raises(ModelError, match="not symmetric"):
         solve_modal(rotor(0.0, circulation=1.0))
 
 
 @pytest.mark.parametrize(("share", "symmetric"), [(0.5, True), (2.0, False)])
-def test_the_test_is_as_sharp_as_it_says(share, symmetric):
+def test_the_test_is_as_sharp_as_it_says(share: float, symmetric: bool) -> None:
     matrix = np.diag([1e4, 2e4])
     matrix[0, 1] = share * SYMMETRY_TOLERANCE * 2e4
     assert is_symmetric(matrix) == symmetric
 
 
-def test_a_feedback_force_makes_the_road_general_even_without_dampers():
+def test_a_feedback_force_makes_the_road_general_even_without_dampers() -> None:
     system = rotor(0.0)
     fed_back = dataclasses.replace(system, damping=None, stiffness=system.stiffness + np.array([[0.0, 300.0], [0.0, 0.0]]))
     found = solve_frf(fed_back, np.array([3.0]), inputs=PORTS, outputs=PORTS)

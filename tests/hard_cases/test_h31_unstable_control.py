@@ -8,6 +8,7 @@ import pytest
 
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import (
     find_largest_gain,
     find_loop_poles,
@@ -16,22 +17,23 @@ from headstock.solvers.control.stability import (
     scale_velocity_gain,
 )
 from headstock.solvers.errors import UnstableControlError
+from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.machines.drive_cases import TwoMasses, make_drive
 
 MASSES = TwoMasses(damping=50.0)
 SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 
 
-def drive_with(**changes):
+def drive_with(**changes: float | str) -> tuple[SecondOrderSystem, DriveTrain]:
     return make_drive(MASSES, dataclasses.replace(SOFT, **changes))
 
 
-def test_a_stable_loop_is_not_refused():
+def test_a_stable_loop_is_not_refused() -> None:
     system, train = drive_with()
     assert not len(require_stable(system, [train]).growing())
 
 
-def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stable():
+def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stable() -> None:
     system, train = drive_with(position_gain=500.0, velocity_gain=1e5, encoder="scale")
     with pytest.raises(
         UnstableControlError, match=r"control of axis X is unstable: a motion at .* Hz grows .* largest stable kv"
@@ -45,7 +47,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
 
 
-def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion():
+def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> None:
     # M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn: stable while kp (kv + 1/Tn) > M kv / Tn
     rigid = TwoMasses(stiffness=1e13, damping=1e9)
     control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
@@ -56,7 +58,7 @@ def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion():
     assert found * control.position_gain == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_velocity_gain_that_no_kv_helps_is_named():
+def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     system, train = drive_with(velocity_gain=2e6, dead_time=1e-3)
     with pytest.raises(UnstableControlError, match="velocity loop is so by itself: the largest stable velocity_gain"):
         require_stable(system, [train])
@@ -66,13 +68,13 @@ def test_a_velocity_gain_that_no_kv_helps_is_named():
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
 
 
-def test_what_grows_without_oscillation_is_told_so():
+def test_what_grows_without_oscillation_is_told_so() -> None:
     system, train = drive_with(position_gain=-5.0)
     with pytest.raises(UnstableControlError, match="without oscillation"):
         require_stable(system, [train])
 
 
-def test_an_undamped_motion_that_control_does_not_reach_is_not_called_unstable():
+def test_an_undamped_motion_that_control_does_not_reach_is_not_called_unstable() -> None:
     system, train = make_drive(dataclasses.replace(MASSES, damping=0.0), SOFT)
     # a third body on a spring of its own, which the drive does not feel
     wide = [np.pad(matrix, ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness)]

@@ -3,28 +3,29 @@
 import numpy as np
 import pytest
 
+from common import present
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.state_space import to_state_space
+from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.linear.time_response import make_propagator, solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
 
 PORT = ("end", "x")
 
 
-def chain(stiff):
+def chain(stiff: float) -> SecondOrderSystem:
     """Two soft masses and one on a spring so stiff that its period is far below any step."""
     stiffness = np.array([[3e4, -1e4, 0.0], [-1e4, 1e4 + stiff, -stiff], [0.0, -stiff, stiff]])
     row = {PORT: np.eye(3)[0]}
     return SecondOrderSystem(np.diag([1.0, 1.5, 0.5]), None, stiffness, row, row, ("a", "b", "c"))
 
 
-def space_of(system):
+def space_of(system: SecondOrderSystem) -> StateSpace:
     return to_state_space(system, inputs=[PORT], outputs=[PORT])
 
 
 @pytest.mark.parametrize("stiff", [1e9, 1e12])
-def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_longer(stiff):
+def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_longer(stiff: float) -> None:
     system = chain(stiff)
     modes = solve_modal(system)
     step = 1.0 / modes.frequencies_hz[1] / 20.0
@@ -38,10 +39,10 @@ def test_resolved_modes_are_right_at_steps_ten_times_the_shortest_period_and_lon
 
 
 @pytest.mark.parametrize("angle", [0.3, 1e3])
-def test_energy_neither_grows_nor_falls_over_a_million_steps(angle):
+def test_energy_neither_grows_nor_falls_over_a_million_steps(angle: float) -> None:
     space = space_of(chain(1e8))
     mode = 1
-    propagator = make_propagator(space, angle / np.sqrt(space.pairs.squares[mode]))
+    propagator = make_propagator(space, angle / np.sqrt(present(space.pairs).squares[mode]))
     (a, b), (c, d) = propagator.transition[mode].tolist()
     # the states of a mode are (omega p, p'), so that their squares add up to twice the energy
     x, y = 0.6, 0.8
@@ -50,7 +51,7 @@ def test_energy_neither_grows_nor_falls_over_a_million_steps(angle):
     assert x * x + y * y == pytest.approx(1.0, rel=1e-8)
 
 
-def test_with_coupled_damping_energy_never_grows_at_any_step():
+def test_with_coupled_damping_energy_never_grows_at_any_step() -> None:
     system = chain(1e8)
     system = SecondOrderSystem(
         system.mass, np.diag([3.0, 0.0, 0.0]), system.stiffness, system.inputs, system.outputs, system.labels
@@ -62,7 +63,7 @@ def test_with_coupled_damping_energy_never_grows_at_any_step():
         assert largest <= 1.0 + 1e-10
 
 
-def test_fast_damped_modes_die_out_and_leave_the_static_answer():
+def test_fast_damped_modes_die_out_and_leave_the_static_answer() -> None:
     system = add_modal_damping(chain(1e10), [0.0, 0.0, 0.1])
     space = space_of(system)
     step = 1e-3

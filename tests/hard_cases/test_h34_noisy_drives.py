@@ -22,7 +22,7 @@ def machine() -> Tripteor:
 @pytest.fixture(scope="module")
 def clean(machine: Tripteor) -> PathDrive:
     path, _ = square_path(CONTOUR)
-    nodes = np.linspace(0.0, SPAN, 151)
+    nodes = np.linspace(0.0, SPAN, 151, dtype=np.float64)
     return follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme, MotionState, integrate_motion
 from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
@@ -18,7 +19,7 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
     def still(time: float) -> Drive:
         return Drive(driven, np.zeros_like(driven), np.zeros_like(driven))
 
-    def no_force(time: float) -> np.ndarray:
+    def no_force(time: float) -> FloatArray:
         return np.zeros(3)
 
     reduced, full = PartitionedMotion(model, still, no_force, start), ConstrainedMotion(model, still, no_force)

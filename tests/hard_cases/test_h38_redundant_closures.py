@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import SingularPoseError
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_residual, find_mobility
 from headstock.geometry.mechanisms.exechon import ExechonDimensions, exechon_mechanism, platform_states
 from headstock.geometry.mechanisms.mechanism import Alignment, ChainItem, Mark, Mechanism, Meeting, shift, turn
@@ -31,7 +32,7 @@ def bricard() -> Mechanism:
     return Mechanism("Bricard", (chain, start), (Meeting("end", "start"), Alignment("end", "start")), ())
 
 
-def close_bricard() -> np.ndarray:
+def close_bricard() -> FloatArray:
     """Angles of the threefold form: equal at every other hinge, with ``cos a + cos b + cos a cos b = 0`` of the closed loop."""
     mechanism = bricard()
     rng, best = np.random.default_rng(0), None
@@ -39,7 +40,7 @@ def close_bricard() -> np.ndarray:
         angles = rng.uniform(-np.pi, np.pi, 2)
         for _ in range(60):
 
-            def residual(pair: np.ndarray) -> np.ndarray:
+            def residual(pair: FloatArray) -> FloatArray:
                 return np.asarray(closure_residual(mechanism, np.tile(pair, 3)))
 
             value = residual(angles)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import ClosureError, JointLimitError, SingularPoseError, UnreachablePoseError
-from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.exechon import (
     ASSEMBLIES,
@@ -26,7 +26,7 @@ MOUNTING = Frame(np.array([-0.99, 0.0, 1.295]), rotation_about(np.array([0.0, 1.
 MACHINE = MountedExechon(DIMENSIONS, MOUNTING, {"q1": (0.6, 1.6), "q2": (0.6, 1.6), "q3": (0.6, 1.6)})
 
 
-def above_base(machine: MountedExechon, x: float, z: float) -> np.ndarray:
+def above_base(machine: MountedExechon, x: float, z: float) -> FloatArray:
     """Tool point that puts the wrist centre beside the common axis of legs 1 and 2."""
     return machine.mounting.origin + [x, 0.0, z] + machine.dimensions.tool_length * DOWN
 
@@ -73,8 +73,8 @@ def test_the_assembly_that_was_asked_for_is_kept_along_a_path() -> None:
 
 def test_a_path_that_changes_the_assembly_is_refused_at_its_time() -> None:
     # straight through the common axis: the plane of legs 1 and 2 would have to turn half around
-    times = np.linspace(0.0, 1.0, 40)
-    across = np.stack([above_base(MACHINE, x, 0.0) for x in np.linspace(-0.3, 0.3, 40)])
+    times = np.linspace(0.0, 1.0, 40, dtype=np.float64)
+    across = np.stack([above_base(MACHINE, x, 0.0) for x in np.linspace(-0.3, 0.3, 40, dtype=np.float64)])
     speed = np.tile([0.6, 0.0, 0.0], (40, 1))
     free = dataclasses.replace(MACHINE, limits={})
     with pytest.raises(SingularPoseError, match=r"t = 0\.\d+ s jumps to another assembly"):

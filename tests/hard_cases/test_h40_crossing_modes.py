@@ -7,8 +7,11 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.command_line import main
+from headstock.geometry.frames import FloatArray
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.second_order import SecondOrderSystem
 from headstock.studies.sweeps import machine_poses
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
@@ -80,11 +83,11 @@ def run(path: Path, name: str) -> SweepResults:
     return collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
 
 
-def screw_frequency(places: np.ndarray) -> np.ndarray:
+def screw_frequency(places: FloatArray) -> FloatArray:
     """Of the slide on nut, shaft and bearing in series; the bearing is at -450 mm."""
     area = 0.25 * np.pi * 0.016**2
     compliance = 1.0 / 200e6 + 1.0 / 300e6 + (places + 0.45) / (210e9 * area)
-    return np.sqrt(1.0 / compliance / MASS) / (2.0 * np.pi)
+    return np.asarray(np.sqrt(1.0 / compliance / MASS) / (2.0 * np.pi))
 
 
 def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_file: Path) -> None:
@@ -111,7 +114,7 @@ def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
 ) -> None:
     whole, calls = machine_poses.solve_lowest_modes, []
 
-    def fail_in_the_third(system, **options):
+    def fail_in_the_third(system: SecondOrderSystem, **options: int | None) -> ModalResult:
         calls.append(1)
         if len(calls) == 3:
             raise ConvergenceError("LAPACK gave up")

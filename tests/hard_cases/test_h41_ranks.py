@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
+
 SCENE = """
 [materials.steel]
 E = "210 GPa"
@@ -90,7 +92,7 @@ if comm.rank == 0:
 """
 
 
-def solve_on(ranks: int, folder: Path) -> dict[str, np.ndarray]:
+def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
     mpirun = shutil.which("mpirun")
     if mpirun is None:
         pytest.skip("there is no mpirun here")
@@ -122,7 +124,7 @@ def test_one_to_four_ranks_give_one_answer_although_the_mesh_has_one_cell(tmp_pa
         assert np.nanmax(np.abs(found["figures"] / alone["figures"] - 1.0)) < 1e-8
 
 
-def _parts(found: dict[str, np.ndarray]) -> list[np.ndarray]:
+def _parts(found: dict[str, FloatArray]) -> list[FloatArray]:
     """Real and imaginary parts of every response."""
     flat = found["response"].reshape(len(found["response_hz"]), -1).T
     return [*flat.real, *flat.imag]

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from common import present
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import Frame
 from headstock.pipeline.results.files import OutputError, read_view
@@ -137,7 +138,7 @@ def twice(file: h5py.File, _: Path) -> None:
 
 def packed(file: h5py.File, _: Path) -> None:
     del file["recovery/points"]
-    file.create_dataset("recovery/points", data=bar().recovery.points, compression="lzf")
+    file.create_dataset("recovery/points", data=present(bar().recovery).points, compression="lzf")
 
 
 REACHING: dict[str, tuple[Change, str]] = {

@@ -11,6 +11,7 @@ from faults.runs import SCENE
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading import files as scene_files
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
 
 # a mesh of a file takes no size, and that problem is not to hide another one
 PLAIN_SCENE = SCENE.replace('mesh = { size = "20 mm" }\n', "")
@@ -68,7 +69,7 @@ def folder(tmp_path: Path) -> Path:
         os.chdir(here)
 
 
-def load(folder: Path, name: str, *, kind: str = "mesh", overrides: tuple[str, ...] = ()):
+def load(folder: Path, name: str, *, kind: str = "mesh", overrides: tuple[str, ...] = ()) -> Scene:
     path = folder / "scene.toml"
     path.write_text(PLAIN_SCENE.replace(SOLID, f'solid = {{ {kind} = "{name}" }}'))
     return load_scene(path, overrides=overrides)

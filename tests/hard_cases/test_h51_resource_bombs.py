@@ -7,6 +7,7 @@ import pytest
 
 from faults.runs import SCENE, finish_run, make_places
 from headstock.pipeline.planning.budgets import BudgetError
+from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -14,7 +15,7 @@ from headstock.scene.reading.findings import SceneError
 AXIS = '\n[axes.X]\njoints = ["slide"]\ndirection = "x"\n[joints.slide]\nbetween = ["ground", "column.tip"]\nkind = "prismatic"\naxis = "x"\n'
 
 
-def plan(folder: Path, text: str):
+def plan(folder: Path, text: str) -> Plan:
     path = folder / "scene.toml"
     path.write_text(text)
     return plan_scene(load_scene(path))

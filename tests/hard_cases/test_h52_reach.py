@@ -1,15 +1,18 @@
 """H52: frequencies above the reach of a reduction or of a mesh carry a warning, and no error estimate where there is no bound."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.results.estimates import REDUCTION
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
 from headstock.pipeline.storage.store import Store
@@ -37,13 +40,14 @@ kind = "rigid"
 [analyses.modal]
 count = COUNT
 """
+Sheet = Callable[[str, str], tuple[FloatArray, list[str]]]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory):
+def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], Results]:
     folder = tmp_path_factory.mktemp("h52")
 
-    def go(size: str, modes: int, count: int):
+    def go(size: str, modes: int, count: int) -> Results:
         path: Path = folder / "scene.toml"
         path.write_text(SCENE.replace("SIZE", size).replace("MODES", str(modes)).replace("COUNT", str(count)))
         return run_scene(load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
@@ -51,7 +55,7 @@ def run(tmp_path_factory: pytest.TempPathFactory):
     return go
 
 
-def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(run) -> None:
+def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(run: Callable[[str, int, int], Results]) -> None:
     results = run("25 mm", 3, 9)
     (modes,), cutoff = results.modal, results.components["strip"].cutoff_hz
     beyond = modes.frequencies_hz > cutoff
@@ -61,7 +65,7 @@ def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(run) -
     assert "no error estimate, and some may be missing" in warning and "modes_to" in warning
 
 
-def test_the_estimate_grows_towards_the_cut_off(run) -> None:
+def test_the_estimate_grows_towards_the_cut_off(run: Callable[[str, int, int], Results]) -> None:
     fewer, more = run("25 mm", 3, 5).modal[0], run("25 mm", 24, 5).modal[0]
     bounds = [error.shares[REDUCTION] for error in fewer.errors]
     known = np.array([bound for bound in bounds if bound is not None])
@@ -71,14 +75,14 @@ def test_the_estimate_grows_towards_the_cut_off(run) -> None:
     assert (known >= true - 1e-9 * more.frequencies_hz[0]).all()
 
 
-def test_within_the_modes_kept_nothing_is_said(run) -> None:
+def test_within_the_modes_kept_nothing_is_said(run: Callable[[str, int, int], Results]) -> None:
     results = run("25 mm", 24, 5)
     errors = results.modal[0].error_hz
     assert len(errors) == 5 and all(error is not None for error in errors)
     assert not [text for text in results.warnings if "fixed-interface modes" in text or "nodes of its mesh" in text]
 
 
-def test_waves_shorter_than_six_nodes_are_told_with_their_length(run) -> None:
+def test_waves_shorter_than_six_nodes_are_told_with_their_length(run: Callable[[str, int, int], Results]) -> None:
     results = run("100 mm", 12, 8)
     (warning,) = [text for text in results.warnings if "nodes of its mesh" in text]
     assert "'strip'" in warning and "too high" in warning
@@ -104,10 +108,10 @@ def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(length: float, width
 
 
 @pytest.fixture(scope="module")
-def sheet(tmp_path_factory: pytest.TempPathFactory):
+def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
     folder = tmp_path_factory.mktemp("sheet")
 
-    def go(size: str, cells: str):
+    def go(size: str, cells: str) -> tuple[FloatArray, list[str]]:
         path: Path = folder / "scene.toml"
         text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace('"hex"', f'"{cells}"')
         path.write_text(text.replace("SIZE", size).replace("MODES", "12").replace("COUNT", "2"))
@@ -117,7 +121,9 @@ def sheet(tmp_path_factory: pytest.TempPathFactory):
     return go
 
 
-def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(sheet) -> None:
+def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(
+    sheet: Sheet,
+) -> None:
     true, silent = sheet("10 mm", "hex")
     locked, (warning,) = sheet("20 mm", "tet")
     assert silent == []

@@ -7,11 +7,20 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from common import present
 from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import Study
 from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
 from headstock.validation.ladder.claims import judge_ladder, judge_own
-from headstock.validation.ladder.points import LadderError, collect_points, deviations, measure_beam, pick_rungs, worst_of
+from headstock.validation.ladder.points import (
+    LadderError,
+    LadderPoint,
+    collect_points,
+    deviations,
+    measure_beam,
+    pick_rungs,
+    worst_of,
+)
 from headstock.validation.ladder.references import LadderBeam, ladder_beam
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -51,10 +60,12 @@ def climb(name: str, rungs: dict[str, list], folder: Path, scene_file: Path | No
     path = scene_file or MACHINES / f"{name}.toml"
     scene = load_scene(path)
     study = short_study(scene.studies["ladder"], rungs)
-    job = StudyJob(path, study, scene.raw, hash_scene(path), measure=partial(measure_beam, study.reference), measure_name="short")
+    job = StudyJob(
+        path, study, scene.raw, hash_scene(path), measure=partial(measure_beam, present(study.reference)), measure_name="short"
+    )
     records = run_study(job, folder, comm=MPI.COMM_WORLD)
     assert [record.error for record in records if record.status == "failed"] == []
-    beam = ladder_beam(study.reference)
+    beam = ladder_beam(present(study.reference))
     return beam, collect_points(beam, records)
 
 
@@ -72,7 +83,9 @@ def verdicts(ladder: tuple[LadderBeam, list], figure: int, models: str) -> dict[
     return {claim.text: claim.held for claim in judge_ladder(*ladder) if claim.figure == figure and claim.models == models}
 
 
-def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_get_worse(cantilever) -> None:
+def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_get_worse(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     assert verdicts(cantilever, 6, "segmented") == {
         "every deviation < 10 % from nDOF 30": True,
         "every deviation < 4 % from nDOF 90": True,
@@ -81,14 +94,16 @@ def test_the_segmented_cantilever_meets_the_paper_s_static_limits_and_does_not_g
     }
 
 
-def test_what_is_left_of_the_segmented_cantilever_s_deviation_is_shear(cantilever) -> None:
+def test_what_is_left_of_the_segmented_cantilever_s_deviation_is_shear(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
     rungs = pick_rungs(*cantilever, "static", "segmented")
     names = list(rungs.points[0].values)
     assert worst_of(deviations(rungs, names)).quantity == "dy(Fy)"
     assert abs(worst_of(deviations(rungs, names, against="beam")).value) < 1e-7
 
 
-def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_only_by_the_reference(cantilever) -> None:
+def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_only_by_the_reference(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     found = verdicts(cantilever, 8, "segmented")
     assert found["every deviation < 20 % from nDOF 60"]
     assert not found["every deviation < 16 % above nDOF 200"]
@@ -98,12 +113,14 @@ def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_onl
     assert "converged 3D elasticity itself lies at -16.04 %" in claim.note
 
 
-def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticity(cantilever) -> None:
+def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticity(
+    cantilever: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     own = [claim for claim in judge_own(*cantilever) if claim.models == "hex27"]
     assert [claim.held for claim in own] == [True, True], [claim.decides for claim in own]
 
 
-def test_linear_elements_fail_in_bending_and_in_torsion(cantilever) -> None:
+def test_linear_elements_fail_in_bending_and_in_torsion(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
     for kind in ("tet4", "hex8"):
         rungs = pick_rungs(*cantilever, "static", kind)
         assert all(d.value < -0.10 for d in deviations(rungs, ["dx(Fx)", "dx(Mb)", "dx(Mc)"])), kind
@@ -111,14 +128,14 @@ def test_linear_elements_fail_in_bending_and_in_torsion(cantilever) -> None:
     assert torsion.value > 0.10
 
 
-def test_every_mode_of_the_paper_is_found_by_its_shape(cantilever) -> None:
+def test_every_mode_of_the_paper_is_found_by_its_shape(cantilever: tuple[LadderBeam, list[LadderPoint]]) -> None:
     for kind in ("segmented", "hex27"):
         finest = pick_rungs(*cantilever, "modal", kind).points[-1]
         assert list(finest.values) == ["X1", "Y1", "X2", "T1", "Y2", "X3"]
         assert min(finest.macs.values()) > 0.98
 
 
-def test_the_segmented_fixed_beam_meets_the_paper_s_limits(fixed_beam) -> None:
+def test_the_segmented_fixed_beam_meets_the_paper_s_limits(fixed_beam: tuple[LadderBeam, list[LadderPoint]]) -> None:
     found = verdicts(fixed_beam, 11, "segmented")
     assert found["dx within 10 % from nDOF 90"]
     assert found["dx and dz within 3 % above nDOF 300"]
@@ -128,7 +145,7 @@ def test_the_segmented_fixed_beam_meets_the_paper_s_limits(fixed_beam) -> None:
     }
 
 
-def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(fixed_beam) -> None:
+def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(fixed_beam: tuple[LadderBeam, list[LadderPoint]]) -> None:
     shifts = ["dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm"]
     for kind in ("tet4", "hex8"):
         found = deviations(pick_rungs(*fixed_beam, "static", kind), shifts)
@@ -136,7 +153,9 @@ def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(fixed_
         assert worst_of(found).value < -0.70
 
 
-def test_the_fixed_beam_s_torsion_is_20_per_cent_off_its_analytic_value_with_any_element(fixed_beam) -> None:
+def test_the_fixed_beam_s_torsion_is_20_per_cent_off_its_analytic_value_with_any_element(
+    fixed_beam: tuple[LadderBeam, list[LadderPoint]],
+) -> None:
     for kind in ("hex8", "hex27"):
         assert all(d.value > 0.20 for d in deviations(pick_rungs(*fixed_beam, "modal", kind), ["T1"]))
     finest = deviations(pick_rungs(*fixed_beam, "modal", "hex27"), ["X1", "T1", "X2"], against="solid")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material, MeshSettings, Patch, ReductionSettings, Support
 from headstock.geometry.parts.solids import HollowColumn, Solid, StepFile
 from headstock.meshing.components.cad_survey import survey_step
@@ -34,30 +35,30 @@ def clamped(solid: Solid, material: Material, size: float, modes: int) -> tuple[
     return component, (Support("foot", "part", (Patch("z-"),), ("x", "y", "z")),)
 
 
-def cantilever_frequencies(solid: Solid, material: Material, size: float, modes: int) -> np.ndarray:
+def cantilever_frequencies(solid: Solid, material: Material, size: float, modes: int) -> FloatArray:
     component, supports = clamped(solid, material, size, modes)
     mesh = mesh_component(component, supports)
     return reduce_elastic(component, mesh, supports, comm=MPI.COMM_SELF).modal_frequencies_hz
 
 
 @pytest.fixture(scope="module")
-def column_hz() -> np.ndarray:
+def column_hz() -> FloatArray:
     """The lowest frequencies of the column as a cantilever, coarse."""
     return cantilever_frequencies(StepFile(MACHINES / "step_column.step"), CAST_IRON, 0.08, 2)[:2]
 
 
-def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(column_hz: np.ndarray) -> None:
+def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(column_hz: FloatArray) -> None:
     assert column_hz == pytest.approx(FINE_COLUMN_HZ, rel=5e-3)
     assert (column_hz > np.array(FINE_COLUMN_HZ) * (1.0 - 1e-4)).all()
 
 
-def test_the_column_bends_like_a_column_without_holes_pads_and_foot(column_hz: np.ndarray) -> None:
+def test_the_column_bends_like_a_column_without_holes_pads_and_foot(column_hz: FloatArray) -> None:
     plain = HollowColumn((0.3, 0.3, 0.86), wall=0.022, cap=0.024, rib=0.016, ribs_z=2, ribs_y=1)
     bare = cantilever_frequencies(plain, CAST_IRON, 0.05, 2)[:2]
     assert column_hz == pytest.approx(bare, rel=0.08)
 
 
-def test_the_column_bends_as_beam_theory_says(column_hz: np.ndarray) -> None:
+def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     length, outer, wall, rib = 0.86, 0.3, 0.022, 0.016
     clear = outer - 2 * wall
     bay = (clear - rib) / 2

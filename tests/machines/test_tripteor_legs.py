@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
@@ -29,7 +30,7 @@ def elastic() -> LeggedTripteor:
     return load_legs("elastic_legs+segmented")
 
 
-def frequencies(tripteor: LeggedTripteor, pose: str, count: int = 6) -> np.ndarray:
+def frequencies(tripteor: LeggedTripteor, pose: str, count: int = 6) -> FloatArray:
     return solve_modal(tripteor.couple(pose).system, count=count).frequencies_hz
 
 

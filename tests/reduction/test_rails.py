@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
+from common import Dense, make_box
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Component, Interface, Material, Patch, RailSettings, SegmentSettings
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, Tube
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.components.rail_fits import fit_rail
@@ -54,24 +56,26 @@ def reduce_bar(fidelity: str, *, segments: int = 10) -> Superelement:
 
 
 @pytest.fixture(scope="module")
-def mesh(make_box):
+def mesh() -> ComponentMesh:
     """A bar from the origin to x = 0.6 whose foot x = 0 is an interface and whose upper side is a rail."""
     return make_box((6, 2, 1), (LENGTH, WIDTH, HEIGHT), {"end": "x-", "rail": "z+"})
 
 
 @pytest.fixture(scope="module")
-def elastic(mesh) -> Superelement:
+def elastic(mesh: ComponentMesh) -> Superelement:
     return reduce_elastic(bar("elastic"), mesh, comm=MPI.COMM_SELF, request=ReductionRequest())
 
 
 @pytest.fixture(scope="module", params=["rigid", "segmented", "elastic"])
-def element(request, elastic) -> Superelement:
+def element(request: pytest.FixtureRequest, elastic: Superelement) -> Superelement:
     return elastic if request.param == "elastic" else reduce_bar(request.param)
 
 
 @settings(max_examples=25, deadline=None)
 @given(share=st.floats(0.0, 1.0), length=st.floats(CARRIAGE, LENGTH))
-def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(element, share, length):
+def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(
+    element: Superelement, share: float, length: float
+) -> None:
     rail = element.rails["rail"]
     place = rail.low + 0.5 * length + share * (rail.high - rail.low - length)
     beside = rail.center.copy()
@@ -80,18 +84,20 @@ def test_a_rigid_motion_of_the_body_is_the_same_motion_of_every_carriage(element
     np.testing.assert_allclose(found, rigid_transfer(np.array([0.1, -0.2, 0.3]), beside), atol=2e-10)
 
 
-def test_a_superelement_with_a_rail_passes_its_check(element):
+def test_a_superelement_with_a_rail_passes_its_check(element: Superelement) -> None:
     check_superelement(element)
     assert set(element.rails) == {"rail"} and "rail" not in element.attachments
 
 
-def test_stations_have_four_dofs_each_and_are_named(elastic):
+def test_stations_have_four_dofs_each_and_are_named(elastic: Superelement) -> None:
     assert elastic.labels[6:10] == tuple(("rail[0]", dof) for dof in ("x", "y", "z", "rx"))
     assert elastic.boundary_size == 6 + 4 * STATIONS == len(elastic.labels)
 
 
 @pytest.mark.parametrize("place", [0.08, 0.231, 0.3, 0.5199])
-def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(mesh, elastic, dense, place):
+def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(
+    mesh: ComponentMesh, elastic: Superelement, dense: Dense, place: float
+) -> None:
     """The full mesh under the tractions the carriage makes, with no reduction and no constraint in between."""
     stiffness, _ = dense.pencil(mesh, STEEL)
     fit = fit_rail("bar", rail_interface(), measure_patch(mesh, "rail"))
@@ -108,7 +114,7 @@ def test_compliance_under_a_carriage_is_that_of_the_whole_mesh_at_any_place(mesh
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_what_a_carriage_sees_is_smooth_across_the_stations():
+def test_what_a_carriage_sees_is_smooth_across_the_stations() -> None:
     """Third differences of every row are bounded by the third derivative between two stations: no jump, no kink."""
     rail = Rail(0, np.zeros(3), 0.0, 1.0, place_knots(0.0, 1.0, 8), np.eye(32))
     step = 1e-3
@@ -119,7 +125,7 @@ def test_what_a_carriage_sees_is_smooth_across_the_stations():
     assert jumps < 0.05 * smooth
 
 
-def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it():
+def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it() -> None:
     """For a motion that is itself a spline, by quadrature over the carriage."""
     knots = place_knots(0.0, 1.0, 8)
     rail = Rail(0, np.zeros(3), 0.0, 1.0, knots, np.eye(32))
@@ -138,7 +144,7 @@ def test_a_carriage_takes_the_mean_and_the_slope_of_the_motion_under_it():
     np.testing.assert_allclose(found[4:], [-slope[2], slope[1]], rtol=1e-10)
 
 
-def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_of_cubics(elastic):
+def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_of_cubics(elastic: Superelement) -> None:
     rail = dataclasses.replace(elastic.rails["rail"], control=np.eye(4 * STATIONS))
     middle = 0.5 * (rail.low + rail.high)
     for power, expected in ((2, [0.05**2 + 0.2**2 / 12.0, 2.0 * 0.05]), (3, [None, 3.0 * 0.05**2 + 3.0 * 0.2**2 / 20.0])):
@@ -161,7 +167,7 @@ def cantilever_compliance(reach: float, length: float) -> float:
     return float(0.25 * wa @ (bending + low / (13.0 / 15.3 * shear * area)) @ wb)
 
 
-def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does():
+def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does() -> None:
     worst = []
     for count in (10, 20, 40):
         part = reduce_bar("segmented", segments=count)
@@ -206,7 +212,7 @@ def slide_body(machine: Machine) -> Superelement:
 
 
 @pytest.mark.parametrize("place", [-0.2, 0.0, 0.13])
-def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stands(place):
+def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stands(place: float) -> None:
     machine = sliding_machine("rigid")
     area = Patch("z+", "rect", (place, 0.0, 0.0), (CARRIAGE, WIDTH))
     base = dataclasses.replace(
@@ -230,7 +236,7 @@ def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stand
 
 
 @pytest.mark.parametrize("fidelity", ["segmented", "elastic"])
-def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity, elastic):
+def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity: str, elastic: Superelement) -> None:
     shift = 0.5 * LENGTH if fidelity == "elastic" else 0.0  # the structured mesh begins at the origin
     frame = Frame(np.array([1.0, -2.0, 0.5]), rotation_about(np.array([1.0, 2.0, -0.5]), 1.1))
     part = elastic if fidelity == "elastic" else reduce_bar("segmented")
@@ -244,7 +250,7 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(fidelity, elas
     np.testing.assert_allclose(found[1], found[0], rtol=1e-8, atol=1e-9 * np.abs(found[0]).max())
 
 
-def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint():
+def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint() -> None:
     machine = sliding_machine("rigid")
     parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
     with pytest.raises(ModelError, match=r"joint 'guide': rail bar.rail: a carriage of 150 mm at 235 mm hangs 10 mm over the end"):
@@ -253,7 +259,7 @@ def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint():
         couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
 
 
-def test_a_carriage_without_a_length_is_refused():
+def test_a_carriage_without_a_length_is_refused() -> None:
     machine = sliding_machine("rigid")
     joints = machine.joints | {"guide": dataclasses.replace(machine.joints["guide"], length=None)}
     with pytest.raises(ModelError, match=r"joint 'guide': a carriage on a rail needs its length"):
@@ -262,7 +268,7 @@ def test_a_carriage_without_a_length_is_refused():
         )
 
 
-def test_a_rail_across_the_segments_is_refused():
+def test_a_rail_across_the_segments_is_refused() -> None:
     component = bar("segmented")
     across = dataclasses.replace(rail_interface(), rail=RailSettings("y", 5))
     component = dataclasses.replace(component, interfaces={"rail": across})
@@ -272,17 +278,17 @@ def test_a_rail_across_the_segments_is_refused():
         reduce_segmented(component, properties)
 
 
-def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic):
+def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
     with pytest.raises(ModelError, match=r"9 stations are too few for a carriage of 100 mm on a rail of 600 mm.*take at least 12"):
         carriage_rows(elastic.rails["rail"], 0.3, 0.1)
 
 
-def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh):
+def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh: ComponentMesh) -> None:
     with pytest.raises(ModelError, match=r"too few points along rail rail to tell its 40 stations apart"):
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
 
 
-def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh):
+def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh: ComponentMesh) -> None:
     """Thirteen points along the rail for thirteen intervals can be solved for, with any answer between the points."""
     fit_rail("bar", rail_interface(13), measure_patch(mesh, "rail"))
     with pytest.raises(ModelError, match=r"too few points along rail rail"):
@@ -290,7 +296,9 @@ def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh):
 
 
 @pytest.mark.parametrize(("segments", "allowed"), [(20, 1.5e-2), (40, 5e-3)])
-def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_wherever_the_nut_stands(segments, allowed):
+def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_wherever_the_nut_stands(
+    segments: int, allowed: float
+) -> None:
     """The mean motion of a nut of length L under an even load, a from the bearing: (a - L / 6) / EA, and the same over GJ."""
     interfaces = {
         "end": Interface("end", (Patch("z-"),)),

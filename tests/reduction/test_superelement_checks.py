@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from lumped_machines import rigid_body, two_node_body
 
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
 from headstock.solvers.errors import AccuracyError
 
@@ -13,7 +14,7 @@ PART = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))[1]
 E_X = np.eye(12)[0]
 
 
-def off(matrix, row, column, share):
+def off(matrix: FloatArray, row: int, column: int, share: float) -> FloatArray:
     changed = matrix.copy()
     changed[row, column] += share * np.abs(matrix).max()
     return changed
@@ -35,19 +36,19 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("what", BROKEN)
-def test_a_broken_superelement_is_refused_by_name(what):
+def test_a_broken_superelement_is_refused_by_name(what: str) -> None:
     changes, text = BROKEN[what]
     with pytest.raises(AccuracyError, match=f"'column'.*{text}"):
         check_superelement(dataclasses.replace(PART, **changes))
 
 
-def test_sound_ones_pass():
+def test_sound_ones_pass() -> None:
     check_superelement(PART)
     check_superelement(rigid_body("body", 3.0, {"foot": (0, 0, 0)}, center=(5.0, 0.0, 0.0))[1])
     check_superelement(rigid_body("nothing", 0.0, {"foot": (0, 0, 0)}, inertia=(0, 0, 0))[1])
 
 
-def test_a_supported_one_needs_no_rigid_motions_and_one_without_mass_no_mass():
+def test_a_supported_one_needs_no_rigid_motions_and_one_without_mass_no_mass() -> None:
     grounded = dataclasses.replace(PART, stiffness=PART.stiffness + 1e8 * np.outer(E_X, E_X))
     with pytest.raises(AccuracyError, match="supported"):
         check_superelement(grounded)
@@ -56,11 +57,11 @@ def test_a_supported_one_needs_no_rigid_motions_and_one_without_mass_no_mass():
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e4])
-def test_the_checks_do_not_depend_on_size(scale):
+def test_the_checks_do_not_depend_on_size(scale: float) -> None:
     check_superelement(two_node_body("column", 40.0 * scale**3, 0.5 * scale, np.array([1e8] * 3 + [1e6 * scale**2] * 3) * scale)[1])
 
 
-def test_numbers_from_a_file_need_agree_only_as_far_as_they_were_printed():
+def test_numbers_from_a_file_need_agree_only_as_far_as_they_were_printed() -> None:
     printed = dataclasses.replace(PART, mass=np.array([[float(f"{value:.11e}") for value in row] for row in PART.mass / 3.0]))
     printed = dataclasses.replace(printed, mass_kg=PART.mass_kg / 3.0, inertia=PART.inertia / 3.0)
     check_superelement(printed, rounding=FILE_ROUNDING)
@@ -69,7 +70,7 @@ def test_numbers_from_a_file_need_agree_only_as_far_as_they_were_printed():
         check_superelement(lost, rounding=FILE_ROUNDING)
 
 
-def test_shapes_that_all_but_cancel_in_a_translation_may_leave_the_rounding_of_their_own_mass():
+def test_shapes_that_all_but_cancel_in_a_translation_may_leave_the_rounding_of_their_own_mass() -> None:
     swing = np.zeros((12, 12))
     # a large shape that no rigid motion holds, as psi of a slender part has them between two ends that move alike
     difference = np.concatenate([np.eye(6)[2], -np.eye(6)[2]])

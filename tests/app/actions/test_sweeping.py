@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from common import present
 from headstock.app.charts.sweep import middle_plane, way_of
 from headstock.app.command_line import main
 
@@ -55,7 +56,7 @@ def test_every_array_of_a_sweep_says_its_unit(swept: Path) -> None:
 def test_the_page_is_whole_and_refers_to_nothing_outside(swept: Path) -> None:
     page = (swept / "report.html").read_text()
     assert not re.search(r'(?:src|href)="(?!data:|#)', page)
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+    data = json.loads(present(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL))[1])
     summary = json.loads((swept / "sweep.json").read_text())
     assert data["positions"] == [[x] for x in (-200.0, -150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 200.0)]
     np.testing.assert_allclose(

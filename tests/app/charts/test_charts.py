@@ -15,10 +15,11 @@ from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.tables import response_unit, round_ticks
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.scene.studies import Study, StudyFamily
 from headstock.studies.parameters.records import StudyRecord
-from headstock.studies.parameters.tables import tabulate_study, varied_numbers
+from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
 
 YOUNG, COUNT = "materials.steel.E", "components.a_component_with_a_long_name.segments.count"
 
@@ -28,7 +29,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures that charts were made of, drawn."""
     found: list[Figure] = []
 
-    def keep(figure: Figure) -> np.ndarray:
+    def keep(figure: Figure) -> FloatArray:
         FigureCanvasAgg(figure).draw()
         found.append(figure)
         return np.zeros((1, 1, 4), dtype=np.uint8)
@@ -38,7 +39,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return found
 
 
-def make_table(counts: int, youngs: tuple[object, ...], watched: int = 2):
+def make_table(counts: int, youngs: tuple[object, ...], watched: int = 2) -> StudyTable:
     vary = {YOUNG: youngs, COUNT: tuple(range(1, counts + 1))}
     study = Study("s", (StudyFamily("", "", {}, vary),), ("modal.frequencies_hz",))
     records = [

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from common import present
 from headstock.app.charts.frf import draw_responses
 from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
@@ -64,7 +65,7 @@ outputs = ["tcp", ["head.seat", "rx"]]
 
 
 def curves_with_a_gap() -> ResponseCurves:
-    frequencies = np.linspace(0.0, 100.0, 11)
+    frequencies = np.linspace(0.0, 100.0, 11, dtype=np.float64)
     values = np.exp(-1j * frequencies / 10.0)[:, None, None] * np.ones((1, 2, 2)) * 1e-6
     values[0], values[5] = 1e-6, np.nan
     return ResponseCurves("reference", PORTS, PORTS, frequencies, values)
@@ -110,7 +111,7 @@ def test_every_array_of_the_results_says_its_unit(run_folder: Path) -> None:
 
 def test_the_numbers_behind_the_cursor_are_the_curves(run_folder: Path) -> None:
     html = (run_folder / "report.html").read_text()
-    data = json.loads(re.search(r'class="response-data"[^>]*>(.*?)</script>', html, re.DOTALL)[1])
+    data = json.loads(present(re.search(r'class="response-data"[^>]*>(.*?)</script>', html, re.DOTALL))[1])
     (curves,) = read_curves(run_folder)
     assert len(data["cells"]) == 12
     np.testing.assert_allclose(data["hz"], curves.frequencies_hz, rtol=1e-3)
@@ -122,7 +123,7 @@ def test_a_gap_is_a_gap_in_curve_table_and_data() -> None:
     drawn = str(draw_response(curves, "frf"))
     paths = re.findall(r'<path d="([^"]*)"', drawn)
     assert paths[0].count("M") == 2
-    data = json.loads(re.search(r">(\{.*\})</script>", drawn)[1])
+    data = json.loads(present(re.search(r">(\{.*\})</script>", drawn))[1])
     assert data["cells"][0]["size"][5] is None
     rows = list(csv.reader(io.StringIO(encode_csv(tabulate_response(curves)).decode())))
     assert rows[6][1:] == [""] * 8

@@ -34,7 +34,7 @@ def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
 
 
 def test_a_thinned_curve_keeps_its_ends_and_its_peaks() -> None:
-    x = np.linspace(0.0, 1.0, 20_001)
+    x = np.linspace(0.0, 1.0, 20_001, dtype=np.float64)
     y = np.sin(900.0 * x)
     y[12_345] = 3.0
     thin = thin_curve(x, y, 300)

@@ -24,7 +24,7 @@ from headstock.app.report.viewer_data import (
     pose_shapes,
     script_json,
 )
-from headstock.geometry.frames import Frame, rigid_map
+from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.results.files import read_summary, read_view
@@ -50,7 +50,7 @@ class Page(HTMLParser):
         self.bounds: list[tuple[float, str]] = []
         self.feed(text)
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str]]) -> None:
         found = dict(attrs)
         self.tags.append((tag, found))
         if tag not in ("meta", "img", "input", "br", "link"):
@@ -58,15 +58,15 @@ class Page(HTMLParser):
         self.value = found.get("value") if tag == "data" else found.get("data-value", self.value if tag == "data" else None)
         self.is_bound = found.get("class") == "bound"
 
-    def handle_startendtag(self, tag, attrs):
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str]]) -> None:
         self.tags.append((tag, dict(attrs)))
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: str) -> None:
         while self.stack and self.stack.pop() != tag:
             pass
         self.value = None
 
-    def handle_data(self, data):
+    def handle_data(self, data: str) -> None:
         if self.stack and self.stack[-1] in ("script", "style"):
             self.scripts.append(data)
         elif self.value is not None:
@@ -75,7 +75,7 @@ class Page(HTMLParser):
             self.words.append(data)
 
 
-def values_in(content) -> set[float]:
+def values_in(content: object) -> set[float]:
     if isinstance(content, dict):
         return set().union(*map(values_in, content.values())) if content else set()
     if isinstance(content, list):
@@ -83,7 +83,7 @@ def values_in(content) -> set[float]:
     return {float(content)} if isinstance(content, int | float) and not isinstance(content, bool) else set()
 
 
-def texts_in(content) -> set[str]:
+def texts_in(content: object) -> set[str]:
     if isinstance(content, dict):
         return set(content).union(*map(texts_in, content.values()))
     if isinstance(content, list):
@@ -310,7 +310,7 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
     block = zlib.decompress(base64.b64decode(data["blob"]))
     start = 0
 
-    def take(kind: str, rows: int, columns: int) -> np.ndarray:
+    def take(kind: str, rows: int, columns: int) -> FloatArray:
         """Columns of differences, lowest bytes first."""
         nonlocal start
         width = np.dtype(kind).itemsize

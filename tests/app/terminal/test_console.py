@@ -32,7 +32,9 @@ from headstock.geometry.machine.machine import show_position
         (77.4321, float("nan"), "77.432", "± ?", None),
     ],
 )
-def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(value, error, shown, bound, size) -> None:
+def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(
+    value: float, error: float | None, shown: str, bound: str, size: float | None
+) -> None:
     assert (show_bounded(value, error), show_bound(value, error), bound_size(value, error)) == (shown, bound, size)
     assert size is None or size >= error * (1 - 1e-9)
     assert size is None or bound_size(value, size) == size  # a rounded error stays as it is

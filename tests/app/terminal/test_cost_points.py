@@ -8,7 +8,7 @@ import pytest
 from headstock.app.charts.study import draw_costs
 from headstock.app.terminal.study import cost_table, digit_words, list_costs
 from headstock.scene.studies import TRUTH, Study, StudyFamily
-from headstock.studies.parameters.costs import cheapest_within, pareto_front, weigh_costs
+from headstock.studies.parameters.costs import CostPoint, cheapest_within, pareto_front, weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import tabulate_study
 
@@ -37,7 +37,7 @@ def make_record(family: str, varied: dict[str, Any], hz: float | None, seconds: 
 
 
 @pytest.fixture
-def points():
+def points() -> list[CostPoint]:
     records = [
         make_record(TRUTH, {}, 100.0, 50.0),
         make_record("tets", {SIZE: "40 mm"}, 109.0, 1.0),
@@ -51,7 +51,7 @@ def points():
     return weigh_costs(tabulate_study(study, records))
 
 
-def test_errors_are_the_largest_relative_ones_and_costs_the_medians(points) -> None:
+def test_errors_are_the_largest_relative_ones_and_costs_the_medians(points: list[CostPoint]) -> None:
     assert [point.error for point in points[:4]] == pytest.approx([0.09, 0.009, 0.02, 0.005])
     assert [point.cpu_seconds for point in points[:4]] == [(1.0, 1.0), (4.0, 4.0), (8.0, 8.0), (6.0, 6.0)]
     assert points[1].solve_seconds == pytest.approx(0.3 * 4.0)
@@ -59,7 +59,9 @@ def test_errors_are_the_largest_relative_ones_and_costs_the_medians(points) -> N
     assert "frequencies_hz[0]" in points[0].worst
 
 
-def test_best_is_what_nothing_else_beats_in_time_and_error_and_the_automatic_choice_does_not_compete(points) -> None:
+def test_best_is_what_nothing_else_beats_in_time_and_error_and_the_automatic_choice_does_not_compete(
+    points: list[CostPoint],
+) -> None:
     assert [point.best for point in points[:4]] == [True, True, False, False]
     assert [point.automatic for point in points[:4]] == [False, False, False, True]
     assert [point.cpu_seconds[0] for point in pareto_front(points[:4], "cpu")] == [1.0, 4.0, 6.0]
@@ -67,7 +69,7 @@ def test_best_is_what_nothing_else_beats_in_time_and_error_and_the_automatic_cho
     assert cheapest_within(points, 0.001) is None
 
 
-def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(points) -> None:
+def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(points: list[CostPoint]) -> None:
     lines = digit_words(points)
     assert "10 %: tets, column.mesh.size = 40 mm (9 %), 1 s of processor time" in lines[0]
     assert lines[1] == "3 %: tets, column.mesh.size = 20 mm (0.9 %), 4 s of processor time, 4 times the line above"
@@ -77,7 +79,7 @@ def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(points)
     assert len(cost_table(points).rows) == 6
 
 
-def test_another_model_is_a_spread_and_competes_with_none(points) -> None:
+def test_another_model_is_a_spread_and_competes_with_none(points: list[CostPoint]) -> None:
     rigid = [point for point in points if point.other_model]
     assert [point.name for point in rigid] == ["rigid tip, column.mesh.size = 40 mm", "rigid tip, column.mesh.size = 10 mm"]
     assert not any(point.best for point in rigid)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -19,12 +20,12 @@ MESH, MODES = np.array([0.2, 1.0, 0.1])[:, None, None], np.array([0.0, 0.5, np.n
 
 
 @pytest.fixture
-def curves():
+def curves() -> ResponseCurves:
     shares = {DISCRETISATION: MESH, REDUCTION: MODES}
     return ResponseCurves("reference", (PORT,), (PORT,), HZ, RESPONSE, motion="mobility", error_share=shares)
 
 
-def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(curves):
+def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(curves: ResponseCurves) -> None:
     np.testing.assert_array_equal(curves.error, MESH + MODES)
     heading, *rows = list(csv.reader(io.StringIO(encode_csv(tabulate_response(curves)).decode())))
     assert [name.split(" tcp")[0] for name in heading[3:]] == ["±", "± discretisation", "± reduction"]
@@ -32,7 +33,7 @@ def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(curve
     assert rows[2][3] == rows[2][5] == "" and float(rows[2][4]) > 0.0
 
 
-def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction(curves, tmp_path):
+def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction(curves: ResponseCurves, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         fill_curves(file.create_group("new"), curves)
         fill_curves(file.create_group("old"), curves)
@@ -44,7 +45,7 @@ def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction
     np.testing.assert_array_equal(old.error, curves.error)
 
 
-def test_words_name_every_source_and_what_is_left_out(curves):
+def test_words_name_every_source_and_what_is_left_out(curves: ResponseCurves) -> None:
     response = PoseResponse(curves, "modal", True, (), (), (), ("rigid model of base",))
     words = response_error_words(response.summarise())
     assert words[0].startswith(

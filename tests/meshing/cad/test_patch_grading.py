@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
@@ -20,7 +21,7 @@ BLOCK = Box((0.03, 0.4, 0.2))
 PAD, BACK = (Patch(face, "rect", (0.0, 0.0, 0.1), (0.01, 0.01)) for face in ("x+", "x-"))
 
 
-def edges_near(mesh: ComponentMesh, place: np.ndarray, reach: float) -> np.ndarray:
+def edges_near(mesh: ComponentMesh, place: FloatArray, reach: float) -> FloatArray:
     """Lengths of the edges of the cells whose centres lie within a reach of a place."""
     corners = mesh.points[mesh.cells[:, :4]]
     near = corners[np.linalg.norm(corners.mean(axis=1) - place, axis=1) < reach]

@@ -1,14 +1,18 @@
 """The skin of a part is its whole outer surface, and stays small and closed however fine the mesh or the CAD faces are."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
 
+from common import make_box
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.components import skins
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
@@ -16,13 +20,13 @@ from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def area(skin) -> float:
+def area(skin: Skin) -> float:
     a, b, c = (skin.points[skin.triangles[:, k]] for k in range(3))
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex27"])
-def test_the_skin_of_a_box_has_its_surface_its_edges_and_points_of_the_mesh(kind, make_box) -> None:
+def test_the_skin_of_a_box_has_its_surface_its_edges_and_points_of_the_mesh(kind: CellKind) -> None:
     mesh = make_box((3, 2, 4), (0.3, 0.2, 0.4), kind=kind)
     skin = mesh_skin(mesh)
     assert area(skin) == pytest.approx(2 * (0.06 + 0.08 + 0.12), rel=1e-12)
@@ -31,12 +35,12 @@ def test_the_skin_of_a_box_has_its_surface_its_edges_and_points_of_the_mesh(kind
     assert lengths.sum() == pytest.approx(4 * (0.3 + 0.2 + 0.4), rel=1e-12)
 
 
-def test_second_order_facets_of_a_coarse_mesh_are_split_through_their_mid_nodes(make_box) -> None:
+def test_second_order_facets_of_a_coarse_mesh_are_split_through_their_mid_nodes() -> None:
     coarse, linear = (mesh_skin(make_box((2, 2, 2), (1.0, 1.0, 1.0), kind=kind)) for kind in ("tet10", "tet4"))
     assert len(coarse.triangles) == 4 * len(linear.triangles)
 
 
-def test_a_very_fine_skin_is_thinned_out_and_keeps_its_corners_and_edges(make_box, monkeypatch) -> None:
+def test_a_very_fine_skin_is_thinned_out_and_keeps_its_corners_and_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(skins, "LARGEST_SKIN", 400)
     mesh = make_box((16, 16, 16), (1.0, 1.0, 1.0), kind="hex8")
     skin = mesh_skin(mesh)
@@ -135,7 +139,7 @@ def test_a_step_part_that_is_thinned_out_twice_is_drawn_closed_with_its_holes_an
 
 @pytest.mark.process
 def test_the_surface_of_a_meshed_step_part_is_thinned_out_closed_and_at_points_of_the_mesh(
-    step_parts: dict[str, Path], make_component, monkeypatch: pytest.MonkeyPatch
+    step_parts: dict[str, Path], make_component: Callable[..., Component], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = mesh_component(make_component(StepFile(step_parts["bracket"]), size=0.006))
     whole = mesh_skin(mesh)

@@ -1,8 +1,12 @@
 """Tets that alone fill a wall are found with thickness, length and shape; others are not."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from common import make_box
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import POOR_QUALITY
 from headstock.meshing.components.meshing import mesh_component
@@ -11,7 +15,7 @@ from headstock.meshing.elements.surface import find_flat_tets
 from headstock.pipeline.stages.warnings import mesh_warnings
 
 
-def test_single_layers_are_found_with_thickness_and_length(make_box):
+def test_single_layers_are_found_with_thickness_and_length() -> None:
     mesh = make_box((10, 10, 1), (1.0, 1.0, 0.01), {}, kind="tet10")
     flat = find_flat_tets(mesh.points, mesh.cells[:, :4])
     assert len(flat.cells) == len(mesh.cells)
@@ -20,12 +24,12 @@ def test_single_layers_are_found_with_thickness_and_length(make_box):
 
 
 @pytest.mark.parametrize("layers", [(10, 10, 3), (4, 4, 4)], ids=["three layers", "a block"])
-def test_walls_with_several_layers_and_blocks_have_none(make_box, layers):
+def test_walls_with_several_layers_and_blocks_have_none(layers: tuple[int, int, int]) -> None:
     mesh = make_box(layers, (1.0, 1.0, 0.01 if layers[2] == 3 else 1.0), {}, kind="tet10")
     assert len(find_flat_tets(mesh.points, mesh.cells[:, :4]).cells) == 0
 
 
-def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is(make_box):
+def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is() -> None:
     mesh = make_box((10, 10, 1), (1.0, 1.0, 0.01), {}, kind="tet10")
     corners, points = mesh.cells[:, :4], mesh.points.copy()
     before = find_flat_tets(points, corners)
@@ -41,7 +45,7 @@ def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is(make_bo
 
 
 @pytest.mark.process
-def test_a_thin_sheet_is_not_said_to_have_poor_elements(make_component):
+def test_a_thin_sheet_is_not_said_to_have_poor_elements(make_component: Callable[..., Component]) -> None:
     sheet = make_component(Box((0.4, 0.3, 0.002)), size=0.05, cells="tet")
     mesh = mesh_component(sheet)
     assert scaled_jacobians(mesh.points, mesh.cells[:, :4], "tet4").min() < POOR_QUALITY

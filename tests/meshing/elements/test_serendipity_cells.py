@@ -1,9 +1,14 @@
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, Material, Patch, Support
 from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.second_order import complete_hexes
 from headstock.reduction.components.elastic import reduce_elastic
@@ -20,19 +25,19 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.2, 0.3, 0.5)
 
 
-def bent(points):
+def bent(points: FloatArray) -> FloatArray:
     """A map whose coordinates are serendipity functions on every cell, so that nothing is lost with the inner nodes."""
     x, y, z = points.T
     return np.column_stack([x + 0.3 * z**2, y + 0.2 * x * z, z - 0.1 * y**2])
 
 
-def without_inner_nodes(points, cells):
+def without_inner_nodes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
     used, numbers = np.unique(cells[:, :20], return_inverse=True)
     return points[used], numbers.reshape(len(cells), 20)
 
 
 @pytest.mark.parametrize("warp", [lambda points: points, bent], ids=["straight", "bent"])
-def test_the_new_nodes_are_those_that_were_left_out(warp):
+def test_the_new_nodes_are_those_that_were_left_out(warp: Callable[[FloatArray], FloatArray]) -> None:
     lattice = straight_lattice((2, 3, 2), SIZE)
     cells = lattice_cells(lattice.shape[:3])
     whole = warp(lattice.reshape(-1, 3))
@@ -43,7 +48,7 @@ def test_the_new_nodes_are_those_that_were_left_out(warp):
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-13)
 
 
-def write_serendipity(path, lattice):
+def write_serendipity(path: Path, lattice: FloatArray) -> None:
     """The file of a lattice with 20-node cells and 8-node facets."""
     cells, sides = lattice_cells(lattice.shape[:3])[:, :20], lattice_sides(lattice.shape[:3])
     used, numbers = np.unique(cells, return_inverse=True)
@@ -69,7 +74,7 @@ def write_serendipity(path, lattice):
     path.write_text("\n".join(lines))
 
 
-def test_a_file_of_twenty_node_hexes_is_as_stiff_as_one_of_27_node_ones(tmp_path):
+def test_a_file_of_twenty_node_hexes_is_as_stiff_as_one_of_27_node_ones(tmp_path: Path) -> None:
     lattice = straight_lattice((2, 2, 3), SIZE)
     write_serendipity(tmp_path / "twenty.msh", lattice)
     write_lattice(tmp_path / "full.msh", lattice)

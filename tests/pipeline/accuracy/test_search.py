@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.texts.error_texts import accuracy_words
-from headstock.geometry.frames import Frame
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, ReductionSettings
@@ -50,13 +50,13 @@ def run(scene: Scene, folder: Path) -> Results:
     return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
-def numbers(results: Results) -> np.ndarray:
+def numbers(results: Results) -> FloatArray:
     soft = np.diag(results.static["reference"]["tcp"].compliance)[:3]
-    return np.r_[results.modal[0].frequencies_hz, soft]
+    return np.asarray(np.r_[results.modal[0].frequencies_hz, soft])
 
 
 @pytest.fixture(scope="module")
-def converged(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+def converged(tmp_path_factory: pytest.TempPathFactory) -> FloatArray:
     scene = make_scene(None)
     sizes = {"block": 0.05, "column": 0.0125}
     parts = {
@@ -69,7 +69,7 @@ def converged(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_refined(
-    tmp_path: Path, converged: np.ndarray
+    tmp_path: Path, converged: FloatArray
 ) -> None:
     results = run(make_scene(AccuracyGoal(0.006)), tmp_path)
     assert results.accuracy is not None and results.accuracy.met
@@ -82,7 +82,7 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     assert summarise(results)["accuracy"]["rounds"][0]["owner"] == "column"
 
 
-def test_a_body_that_hardly_deforms_may_become_rigid(tmp_path: Path, converged: np.ndarray) -> None:
+def test_a_body_that_hardly_deforms_may_become_rigid(tmp_path: Path, converged: FloatArray) -> None:
     results = run(make_scene(AccuracyGoal(0.1, fidelity=True)), tmp_path / "loose")
     assert results.components["block"].fidelity == "elastic"  # nothing had to be computed again
     tight = run(make_scene(AccuracyGoal(0.006, fidelity=True)), tmp_path / "tight")

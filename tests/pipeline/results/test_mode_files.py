@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.results.mode_files import SHOWN_SHARE, encode_glb, encode_vtu, file_stem, machine_size, write_mode_files
 from headstock.pipeline.results.views import MachineView, PoseView
@@ -47,7 +47,7 @@ def read_glb(content: bytes) -> tuple[dict, bytes]:
     return json.loads(content[20 : 20 + size]), content[start + 8 :]
 
 
-def accessor(gltf: dict, binary: bytes, number: int) -> np.ndarray:
+def accessor(gltf: dict, binary: bytes, number: int) -> FloatArray:
     about = gltf["accessors"][number]
     view = gltf["bufferViews"][about["bufferView"]]
     width = {"SCALAR": 1, "VEC3": 3}[about["type"]]

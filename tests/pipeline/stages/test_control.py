@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import present
 from headstock.app.report.report import render_report
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.planning.planner import plan_scene
@@ -15,9 +16,10 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.damping import add_modal_damping
@@ -91,7 +93,7 @@ def write_scene(folder: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
-def couple_scene(path: Path):
+def couple_scene(path: Path) -> tuple[Scene, CoupledMachine]:
     scene = load_scene(path)
     parts = {name: reduce_rigid(part, describe_component(part)) for name, part in scene.machine.components.items()}
     return scene, couple(parts, scene.machine, next(iter(scene.poses.values())))
@@ -271,13 +273,13 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     path = write_scene(tmp_path, ("[analyses.control]", text), on)
     scene = load_scene(path)
     found = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
-    curves = found.path.runs[0].curves
+    curves = present(found.path).runs[0].curves
     # whole turns of the spindle at constant feed: 10 ms each
     times = curves.deviation.times
     steady = (times >= 0.25) & (times < 0.35)
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.25 + 1e-6 * np.arange(100_000)
-    force = cutting_forces(scene.analyses.path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
+    force = cutting_forces(present(present(scene.analyses.path).cut).cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
     # along x, away from the part (to the left, y), up
     expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
     assert mean[1] == pytest.approx(expected[1], rel=1e-2)
@@ -287,4 +289,4 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
 
 def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
-    assert scene.analyses.path.cut is None
+    assert present(scene.analyses.path).cut is None

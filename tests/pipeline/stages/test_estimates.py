@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -46,7 +47,7 @@ spread = true
 """
 
 
-def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(tmp_path):
+def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     store = Store(tmp_path / "store")
     results = run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / "out", comm=MPI.COMM_SELF, store=store)
@@ -60,7 +61,7 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
     assert widest / 3.0 < named < 3.0 * widest
 
 
-def beam(parts, x, y, length, size):
+def beam(parts: int, x: int, y: int, length: int, size: int) -> str:
     """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in mm."""
     words = [SCENE[: SCENE.index("[components.lower]")]]
     for i in range(parts):
@@ -82,7 +83,9 @@ kind = "rigid"
 
 # a flat bar is held stiff in torsion above all: its ends cannot warp
 @pytest.mark.parametrize("sizes", [(40, 60, 1000, 20), (15, 90, 750, 15)])
-def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(tmp_path, sizes):
+def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(
+    tmp_path: Path, sizes: tuple[int, int, int, int]
+) -> None:
     modes = []
     for parts in (1, 5):
         scene = tmp_path / f"{parts}.toml"
@@ -99,8 +102,8 @@ def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than
     assert stiffer.max() / 3.0 < named < 3.0 * stiffer.max()
 
 
-def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy():
-    def guess(source, size):
+def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy() -> None:
+    def guess(source: str, size: float) -> Estimate:
         return Estimate({source: size}, (), {source: {"column": size, "base": 0.1 * size}})
 
     point = SimpleNamespace(
@@ -145,10 +148,11 @@ up_to = "6.6 kHz"
 """
 SPEED = np.sqrt(210e9 / 7850.0)
 IMPEDANCE = 0.0025 * np.sqrt(210e9 * 7850.0)
+Rods = Callable[[str, float], Results]
 
 
 @pytest.fixture(scope="module")
-def rods(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], Results]:
+def rods(tmp_path_factory: pytest.TempPathFactory) -> Rods:
     folder = tmp_path_factory.mktemp("rod")
 
     @functools.cache
@@ -165,7 +169,7 @@ def damping_warnings(results: Results) -> list[str]:
 
 @pytest.mark.parametrize("modes", ["15", "30"])
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.8, 1.25, 20.0])
-def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(rods, modes, share):
+def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(rods: Rods, modes: str, share: float) -> None:
     # coth(s L / c) = -share: every standing wave loses as much per round trip
     found = rods(modes, share)
     decay = -0.5 * np.log(abs((1.0 + share) / (1.0 - share)))
@@ -188,7 +192,7 @@ def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(
 
 
 @pytest.mark.parametrize("modes", ["15", "30"])
-def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(rods, modes):
+def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_believed(rods: Rods, modes: str) -> None:
     found = rods(modes, 1.0)
     stretching = [mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name]
     assert stretching
@@ -199,7 +203,7 @@ def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_beli
     assert all(f"{mode + 1} (rod stretches X)" in words for mode in stretching)
 
 
-def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods):
+def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods: Rods) -> None:
     found = rods("30", 0.01)
     bending = [mode for mode, name in enumerate(found.modal[0].mode_names) if "bends" in name]
     assert np.ptp(found.modal[0].frequencies_hz[bending[:2]]) < 1e-6  # of a square section
@@ -209,6 +213,6 @@ def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods):
     assert not damping_warnings(found)
 
 
-def test_an_overdamped_mode_is_named_with_its_damper(rods):
+def test_an_overdamped_mode_is_named_with_its_damper(rods: Rods) -> None:
     (words,) = damping_warnings(rods("30", 20.0))
     assert "is overdamped by joint dashpot" in words

@@ -7,10 +7,12 @@ import pytest
 from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -45,13 +47,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("spread")
 
 
-def load(folder: Path, *overrides: str):
+def load(folder: Path, *overrides: str) -> Scene:
     path = folder / "scene.toml"
     path.write_text(SCENE)
     return load_scene(path, overrides=overrides)
 
 
-def run(folder: Path, *overrides: str):
+def run(folder: Path, *overrides: str) -> Results:
     return run_scene(load(folder, *overrides), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 

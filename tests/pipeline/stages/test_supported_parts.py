@@ -28,12 +28,12 @@ mesh = { size = "MESH mm", cells = "hex" }
 MODES = "[analyses.modal]\ncount = COUNT\n"
 
 
-def part(size, mesh, *sections, free=False, count=8):
+def part(size: tuple[int, int, float], mesh: int, *sections: str, free: bool = False, count: int = 8) -> str:
     text = PART.replace("SIZE", ", ".join(f'"{value} mm"' for value in size)).replace("MESH", str(mesh))
     return text.replace("FREE", str(free).lower()) + "\n".join(sections).replace("COUNT", str(count))
 
 
-def support(name, face, *directions):
+def support(name: str, face: str, *directions: str) -> str:
     return f'[supports.{name}]\nface = "part.{face}"\nfix = {json.dumps(directions)}\n'
 
 

@@ -8,6 +8,7 @@ import pytest
 import pyvista
 
 from headstock.app.command_line import main
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.stages.volume_files import von_mises
 
@@ -59,7 +60,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     return summary, grid, folder
 
 
-def cell_volumes(grid: pyvista.UnstructuredGrid) -> np.ndarray:
+def cell_volumes(grid: pyvista.UnstructuredGrid) -> FloatArray:
     """Of cells with straight edges."""
     ((kind, cells),) = grid.cells_dict.items()
     linear = {10: cells[:, :4]} if kind in (10, 24) else {12: cells[:, :8]}

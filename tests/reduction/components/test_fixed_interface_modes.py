@@ -1,13 +1,16 @@
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
 
+from common import make_box, make_component, present
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.components import fixed_interface_modes
 from headstock.reduction.components.fixed_interface_modes import DENSE_LIMIT, find_fixed_interface_modes, require_resolved
-from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.errors import AccuracyError
@@ -16,7 +19,7 @@ COMM = MPI.COMM_SELF
 
 
 @pytest.fixture(scope="module")
-def solver(make_box, make_component):
+def solver() -> Iterator[ConstrainedSolver]:
     mesh = make_box((1, 2, 5), (0.1, 0.17, 0.5))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
     held = np.repeat((operators.points[:, 2] < 1e-9) | (operators.points[:, 2] > 0.5 - 1e-9), 3)
@@ -25,21 +28,21 @@ def solver(make_box, make_component):
 
 
 @pytest.fixture(scope="module")
-def exact(solver):
+def exact(solver: ConstrainedSolver) -> FloatArray:
     free = ~solver.held
-    mass = np.kron(solver.operators.scalar_mass.toarray(), np.eye(3))[np.ix_(free, free)]
-    return scipy.linalg.eigvalsh(solver.operators.stiffness.toarray()[np.ix_(free, free)], mass)
+    mass = np.kron(present(solver.operators.scalar_mass).toarray(), np.eye(3))[np.ix_(free, free)]
+    return np.asarray(scipy.linalg.eigvalsh(solver.operators.stiffness.toarray()[np.ix_(free, free)], mass))
 
 
 @pytest.mark.parametrize("count", [1, 10, 30, 200], ids=["lanczos 1", "lanczos 10", "lanczos 30", "dense 200"])
-def test_eigenvalues_are_the_lowest_of_the_held_component(solver, exact, count):
+def test_eigenvalues_are_the_lowest_of_the_held_component(solver: ConstrainedSolver, exact: FloatArray, count: int) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
     assert len(found.eigenvalues) >= count
     np.testing.assert_allclose(found.eigenvalues, exact[: len(found.eigenvalues)], rtol=1e-9)
 
 
 @pytest.mark.parametrize("count", [10, 200])
-def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(solver, count):
+def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(solver: ConstrainedSolver, count: int) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(count=count))
     assert not found.shapes[solver.held].any()
     np.testing.assert_allclose(
@@ -49,7 +52,7 @@ def test_shapes_diagonalise_mass_and_stiffness_and_rest_on_held_dofs(solver, cou
     assert np.abs(stiffness - np.diag(found.eigenvalues)).max() < 1e-9 * found.eigenvalues[-1]
 
 
-def test_a_frequency_keeps_every_mode_up_to_it(solver, exact):
+def test_a_frequency_keeps_every_mode_up_to_it(solver: ConstrainedSolver, exact: FloatArray) -> None:
     limit = 0.5 * (np.sqrt(exact[6]) + np.sqrt(exact[7])) / (2.0 * np.pi)
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=limit))
     assert len(found.eigenvalues) >= 7
@@ -57,26 +60,26 @@ def test_a_frequency_keeps_every_mode_up_to_it(solver, exact):
     assert found.cutoff_hz == pytest.approx(np.sqrt(exact[len(found.eigenvalues)]) / (2.0 * np.pi), rel=1e-3)
 
 
-def test_a_frequency_below_the_first_mode_keeps_none(solver, exact):
+def test_a_frequency_below_the_first_mode_keeps_none(solver: ConstrainedSolver, exact: FloatArray) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=0.1 * np.sqrt(exact[0]) / (2.0 * np.pi)))
     assert len(found.eigenvalues) == 0
     assert found.cutoff_hz == pytest.approx(np.sqrt(exact[0]) / (2.0 * np.pi), rel=1e-3)
 
 
 @pytest.mark.parametrize("target", [None, ModeTarget(count=0)])
-def test_nothing_asked_for_keeps_no_mode_and_promises_no_frequency(solver, target):
+def test_nothing_asked_for_keeps_no_mode_and_promises_no_frequency(solver: ConstrainedSolver, target: ModeTarget | None) -> None:
     found = find_fixed_interface_modes(solver, target)
     assert found.shapes.shape == (len(solver.held), 0)
     assert found.cutoff_hz == 0.0
 
 
-def test_a_rerun_gives_the_same_bits(solver):
+def test_a_rerun_gives_the_same_bits(solver: ConstrainedSolver) -> None:
     first, second = (find_fixed_interface_modes(solver, ModeTarget(count=12)) for _ in range(2))
     np.testing.assert_array_equal(first.eigenvalues, second.eigenvalues)
     np.testing.assert_array_equal(first.shapes, second.shapes)
 
 
-def test_the_dense_road_and_the_iterative_one_agree(solver):
+def test_the_dense_road_and_the_iterative_one_agree(solver: ConstrainedSolver) -> None:
     few = find_fixed_interface_modes(solver, ModeTarget(count=20))
     many = find_fixed_interface_modes(solver, ModeTarget(count=200))
     shared = len(few.eigenvalues)
@@ -86,13 +89,13 @@ def test_the_dense_road_and_the_iterative_one_agree(solver):
     assert solver.free_total < DENSE_LIMIT
 
 
-def test_a_frequency_above_every_mode_keeps_them_all(solver, exact):
+def test_a_frequency_above_every_mode_keeps_them_all(solver: ConstrainedSolver, exact: FloatArray) -> None:
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=1e12))
     assert len(found.eigenvalues) == len(exact)
     assert found.cutoff_hz == np.inf
 
 
-def sheet_solver(make_box, make_component, thickness):
+def sheet_solver(thickness: float) -> ConstrainedSolver:
     mesh = make_box((20, 4, 1), (1.0, 0.2, thickness))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
     held = np.repeat(operators.points[:, 0] < 1e-9, 3)
@@ -100,13 +103,15 @@ def sheet_solver(make_box, make_component, thickness):
 
 
 @pytest.mark.parametrize("thickness", [0.1, 1e-3], ids=["1:10", "1:1000"])
-def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(make_box, make_component, monkeypatch, thickness):
+def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(
+    monkeypatch: pytest.MonkeyPatch, thickness: float
+) -> None:
     search = fixed_interface_modes.lowest_eigenpairs
     errors = {0.1: (5e-8, 2e-7), 1e-3: (1e-5, 1e-4)}[thickness]
-    with sheet_solver(make_box, make_component, thickness) as solver:
+    with sheet_solver(thickness) as solver:
         for error in errors:
 
-            def missing(*args, error=error, **keywords):
+            def missing(*args, error: float = error, **keywords: MPI.Comm | int) -> EigenPairs:
                 pairs = search(*args, **keywords)
                 return dataclasses.replace(pairs, values=pairs.values * (1.0 + error))
 
@@ -118,17 +123,17 @@ def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(make_b
                     find_fixed_interface_modes(solver, ModeTarget(count=4))
 
 
-def test_eigenvalues_that_rounding_may_have_drowned_are_refused_with_the_remedy():
+def test_eigenvalues_that_rounding_may_have_drowned_are_refused_with_the_remedy() -> None:
     values = np.array([1.0, 2.0])
     require_resolved(values, values, np.array([0.29, 1e-3]))
     with pytest.raises(AccuracyError, match=r"reaches 0.31 .*too thin.*rigid or segmented"):
         require_resolved(values, values, np.array([0.31, 1e-3]))
 
 
-def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness(make_box, make_component):
+def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness() -> None:
     found = []
     for thickness in (2e-3, 1e-3):
-        with sheet_solver(make_box, make_component, thickness) as solver:
+        with sheet_solver(thickness) as solver:
             found.append(np.sqrt(find_fixed_interface_modes(solver, ModeTarget(count=3)).eigenvalues[:3]) / thickness)
     # Kirchhoff: proportional to the thickness but for a transverse shear of (thickness/width)^2
     np.testing.assert_allclose(found[1], found[0], rtol=2e-3)

@@ -25,26 +25,26 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 COMPONENT = Component("table", Box(SIZE), STEEL, interfaces={"top": Interface("top", (Patch("z+"),))}, fidelity="rigid")
 
 
-def test_mass_and_inertia_are_density_times_volume_properties():
+def test_mass_and_inertia_are_density_times_volume_properties() -> None:
     part = reduce_rigid(COMPONENT, PROPERTIES)
     assert part.mass_kg == pytest.approx(7850.0 * VOLUME, rel=1e-15)
     np.testing.assert_allclose(part.mass, np.diag([part.mass_kg] * 3 + list(7850.0 * INERTIA.diagonal())), rtol=1e-14)
     assert part.labels[0] == ("center", "x") and part.boundary_size == 6 and not part.stiffness.any()
 
 
-def test_a_stated_mass_scales_the_inertia_too():
+def test_a_stated_mass_scales_the_inertia_too() -> None:
     part = reduce_rigid(dataclasses.replace(COMPONENT, mass=10.0), PROPERTIES)
     assert part.mass_kg == pytest.approx(10.0, rel=1e-15)
     np.testing.assert_allclose(part.inertia, 10.0 / VOLUME * INERTIA, rtol=1e-14)
 
 
-def test_interfaces_sit_at_their_centroids_on_the_one_node():
+def test_interfaces_sit_at_their_centroids_on_the_one_node() -> None:
     part = reduce_rigid(COMPONENT, PROPERTIES)
     assert part.attachments["top"].node == 0
     np.testing.assert_array_equal(part.attachments["top"].frame.origin, TOP)
 
 
-def test_body_loads_and_tractions_act_in_machine_axes_with_their_moments():
+def test_body_loads_and_tractions_act_in_machine_axes_with_their_moments() -> None:
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), 0.4)
     turned = dataclasses.replace(COMPONENT, placement=Frame(np.array([1.0, 0.0, 0.0]), turn))
     loads = {
@@ -64,12 +64,12 @@ def test_body_loads_and_tractions_act_in_machine_axes_with_their_moments():
 
 
 @pytest.mark.parametrize(("volume", "mass"), [(0.0, None), (np.nan, None), (np.inf, 1.0), (-1.0, 1.0), (1.0, -2.0), (1.0, np.nan)])
-def test_impossible_mass_properties_are_refused(volume, mass):
+def test_impossible_mass_properties_are_refused(volume: float, mass: float | None) -> None:
     with pytest.raises(ModelError, match="'table'"):
         reduce_rigid(dataclasses.replace(COMPONENT, mass=mass), dataclasses.replace(PROPERTIES, volume=volume))
 
 
-def test_a_pressure_on_a_rigid_body_is_refused_with_a_remedy():
+def test_a_pressure_on_a_rigid_body_is_refused_with_a_remedy() -> None:
     load = Load("squeeze", "table", "pressure", patches=(Patch("z+"),), magnitude=1e5)
     with pytest.raises(ModelError, match=r"'squeeze'.*make the component elastic"):
         reduce_rigid(COMPONENT, PROPERTIES, [load])

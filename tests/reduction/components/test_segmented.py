@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
+from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, orient_machine
@@ -57,7 +58,7 @@ def compliance(coupled: CoupledMachine) -> FloatArray:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 17])
-def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments(count: int):
+def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments(count: int) -> None:
     width, depth, length = SIZE[1], SIZE[0], SIZE[2]
     area, second, shear = width * depth, width * depth**3 / 12.0, STEEL.youngs_modulus / 2.6
     kappa = 13.0 / 15.3
@@ -70,14 +71,14 @@ def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments
 
 
 @pytest.mark.parametrize("along", ["x", "y"])
-def test_a_bar_along_another_axis_has_the_same_compliances(along: str):
+def test_a_bar_along_another_axis_has_the_same_compliances(along: str) -> None:
     upright, lying = compliance(cantilever(bar(6))), compliance(cantilever(bar(6, along)))
     order = {"x": [1, 2, 0], "y": [2, 0, 1]}[along]  # axis of the lying bar that stands for x, y, z of the upright one
     picked = [*order, *(3 + i for i in order)]
     np.testing.assert_allclose(lying[np.ix_(picked, picked)], upright, rtol=1e-8, atol=1e-14)
 
 
-def test_frequencies_approach_timoshenko_s_with_second_order():
+def test_frequencies_approach_timoshenko_s_with_second_order() -> None:
     errors = []
     for count in (10, 20, 40):
         found = solve_modal(cantilever(bar(count)).system, count=6).frequencies_hz
@@ -87,7 +88,7 @@ def test_frequencies_approach_timoshenko_s_with_second_order():
     assert (np.abs(slopes - 2.0) < 0.2).all()
 
 
-def test_mass_centre_and_inertia_are_those_of_the_solid():
+def test_mass_centre_and_inertia_are_those_of_the_solid() -> None:
     component = dataclasses.replace(bar(7), mass=12.0)
     part, properties = reduce(component), closed_form_properties(component)
     assert properties is not None
@@ -96,7 +97,7 @@ def test_mass_centre_and_inertia_are_those_of_the_solid():
     np.testing.assert_allclose(part.center_of_mass, properties.center, atol=1e-15)
 
 
-def test_frequencies_do_not_depend_on_the_orientation_of_the_machine():
+def test_frequencies_do_not_depend_on_the_orientation_of_the_machine() -> None:
     component = bar(8)
     machine = cantilever_machine(component)
     turned = orient_machine(machine, Frame(np.array([3.0, -1.0, 0.5]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.7)))
@@ -119,7 +120,9 @@ SHEARING = 13.0 / 15.3 * STEEL.youngs_modulus / 2.6 * SIZE[0] * SIZE[1]
 
 @settings(deadline=None, max_examples=40)
 @given(low=st.floats(0.01, 0.4), length=st.floats(1e-3, 0.1), count=st.integers(1, 24))
-def test_under_a_rigid_patch_the_bar_is_rigid_from_edge_to_edge_wherever_segments_end(low: float, length: float, count: int):
+def test_under_a_rigid_patch_the_bar_is_rigid_from_edge_to_edge_wherever_segments_end(
+    low: float, length: float, count: int
+) -> None:
     found = compliance(cantilever(side_patch("rigid", low, low + length, count=count)))
     lever = 0.5 * length
     bending = low**3 / 3.0 + lever * low**2 + lever**2 * low
@@ -128,7 +131,7 @@ def test_under_a_rigid_patch_the_bar_is_rigid_from_edge_to_edge_wherever_segment
     assert found[2, 2] == pytest.approx(low / (STEEL.youngs_modulus * SIZE[0] * SIZE[1]) + 0.019**2 * low / BENDING, rel=1e-3)
 
 
-def test_one_rigid_interface_of_two_patches_bridges_what_lies_between_them():
+def test_one_rigid_interface_of_two_patches_bridges_what_lies_between_them() -> None:
     near, far = (Patch("x+", "rect", (0.0, 0.0, middle), (0.1, 0.05)) for middle in (0.125, 0.375))
     plain = bar(7)
     both = dataclasses.replace(plain, interfaces={**plain.interfaces, "tip": Interface("tip", (near, far))})
@@ -147,7 +150,7 @@ def mean_compliances(low: float, high: float) -> tuple[float, float]:
     return float(mean @ influence @ mean), float(slope @ influence @ slope)
 
 
-def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the_beam_s_with_second_order():
+def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the_beam_s_with_second_order() -> None:
     deflection, slope = mean_compliances(0.2, 0.4)
     errors = []
     for count in (5, 10, 20, 40):
@@ -160,7 +163,7 @@ def test_an_averaging_patch_takes_the_best_fit_of_its_surface_and_approaches_the
 
 @pytest.mark.parametrize("count", [4, 6, 9, 13])
 @pytest.mark.parametrize(("low", "high"), [(0.22, 0.36), (0.345, 0.5), (0.40, 0.42)])
-def test_an_averaging_patch_is_right_wherever_segments_end(count: int, low: float, high: float):
+def test_an_averaging_patch_is_right_wherever_segments_end(count: int, low: float, high: float) -> None:
     found = compliance(cantilever(side_patch("average", low, high, count=count)))
     deflection, slope = mean_compliances(low, high)
     assert found[0, 0] == pytest.approx(deflection, rel=2e-3)
@@ -169,14 +172,14 @@ def test_an_averaging_patch_is_right_wherever_segments_end(count: int, low: floa
     assert slope - hidden < found[4, 4] < slope * (1.0 + 1e-6)
 
 
-def test_an_averaging_patch_stiffens_nothing():
+def test_an_averaging_patch_stiffens_nothing() -> None:
     free = solve_modal(cantilever(bar(10)).system, count=1).frequencies_hz[0]
     averaged = solve_modal(cantilever(side_patch("average", 0.30, 0.50)).system, count=1).frequencies_hz[0]
     assert averaged == pytest.approx(free, rel=1e-9)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_side_patch_answers_as_on_finite_elements(coupling: str, make_box, make_component):
+def test_a_side_patch_answers_as_on_finite_elements(coupling: str) -> None:
     def side(centers: FloatArray) -> FloatArray:
         return np.asarray((centers[:, 0] > 0.0379) & (centers[:, 2] > 0.2) & (centers[:, 2] < 0.3))
 
@@ -189,7 +192,7 @@ def test_a_side_patch_answers_as_on_finite_elements(coupling: str, make_box, mak
     np.testing.assert_allclose(found.diagonal()[:5] / wanted.diagonal()[:5], 1.0, atol=0.11 if coupling == "rigid" else 0.03)
 
 
-def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are():
+def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are() -> None:
     plain = bar(10)
     patches = {
         "disk": Patch("x+", "disk", (0.0, 0.0, 0.30), (0.06,)),
@@ -204,14 +207,14 @@ def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are():
     def deflection(z: FloatArray) -> FloatArray:
         return z**2 * (1.5 - z) / (6.0 * BENDING) + z / SHEARING
 
-    z = np.linspace(0.0, 0.5, 100001)
+    z = np.linspace(0.0, 0.5, 100001, dtype=np.float64)
     chord = np.sqrt(np.maximum(0.0, 0.03**2 - (z - 0.3) ** 2))
     assert at["disk"] == pytest.approx(chord @ deflection(z) / chord.sum(), rel=1e-4)
     assert at["strip"] == pytest.approx(deflection(z)[(z > 0.26) & (z < 0.34)].mean(), rel=1e-4)
     assert at["whole"] == pytest.approx(deflection(z).mean(), rel=1e-4)
 
 
-def test_the_surface_of_a_segmented_tube_bends_with_it():
+def test_the_surface_of_a_segmented_tube_bends_with_it() -> None:
     ends = {name: Interface(name, (Patch(face),)) for name, face in (("foot", "z-"), ("tip", "z+"))}
     tube = Component("bar", Tube(0.1, 0.06, 0.8), STEEL, interfaces=ends, fidelity="segmented", segments=SegmentSettings(5))
     found, skin = cantilever(tube), segment_skin(tube)
@@ -227,7 +230,7 @@ def test_the_surface_of_a_segmented_tube_bends_with_it():
     np.testing.assert_allclose(shift[:, 2], -skin.points[:, 0] * z * (1.6 - z) / (2.0 * 2.1e11 * second), rtol=1e-9, atol=1e-18)
 
 
-def test_a_traction_acts_where_it_is_and_a_body_load_on_all():
+def test_a_traction_acts_where_it_is_and_a_body_load_on_all() -> None:
     load = Load("wind", "bar", "traction", (Patch("x-", "rect", (0.0, 0.0, 0.43), (0.1, 0.06)),), vector=(1.0, 0.0, 0.0))
     own = Load("own", "bar", "body", vector=(1.0, 0.0, 0.0))
     component = bar(10)
@@ -246,7 +249,9 @@ def test_a_traction_acts_where_it_is_and_a_body_load_on_all():
     ("solid", "along", "reason"),
     [(HollowColumn((0.3, 0.3, 1.0), 0.02, 0.02), None, "section changes"), (Tube(0.1, 0.08, 1.0), "x", "along z only")],
 )
-def test_what_is_no_bar_of_one_section_is_refused_with_the_reason(solid: HollowColumn | Tube, along: str | None, reason: str):
+def test_what_is_no_bar_of_one_section_is_refused_with_the_reason(
+    solid: HollowColumn | Tube, along: str | None, reason: str
+) -> None:
     component = Component("c", solid, STEEL, fidelity="segmented", segments=SegmentSettings(5, "x" if along else None))
     properties = closed_form_properties(component)
     assert properties is not None

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.elimination import RANK_TOLERANCE, eliminate_constraints
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_constraints_vanish_and_the_scaled_basis_is_orthonormal(seed):
+def test_constraints_vanish_and_the_scaled_basis_is_orthonormal(seed: int) -> None:
     generator = np.random.default_rng(seed)
     rows, scale = generator.normal(size=(4, 12)), np.where(np.arange(12) % 2, 1.0, 3.0)
     found = eliminate_constraints(rows, [], scale)
@@ -18,7 +19,7 @@ def test_constraints_vanish_and_the_scaled_basis_is_orthonormal(seed):
     np.testing.assert_allclose(scaled.T @ scaled, np.eye(8), atol=1e-13)
 
 
-def test_rank_does_not_depend_on_units_of_rotations():
+def test_rank_does_not_depend_on_units_of_rotations() -> None:
     lever = np.array([[1.0, 0.0, -1.0, 1e-5], [0.0, 1.0, 0.0, -1.0]])
     for unit in (1e-6, 1.0, 1e6):
         scale = np.array([1.0, 1.0 / unit, 1.0, 1.0 / unit])
@@ -26,19 +27,19 @@ def test_rank_does_not_depend_on_units_of_rotations():
         assert found.basis.shape[1] == 2 and found.redundant == ()
 
 
-def test_untouched_dofs_stay_themselves():
+def test_untouched_dofs_stay_themselves() -> None:
     found = eliminate_constraints(np.array([[0.0, 1.0, -1.0, 0.0]]), [], np.ones(4))
     np.testing.assert_array_equal(found.basis[:, :2], np.eye(4)[:, [0, 3]])
 
 
-def test_rows_that_others_imply_are_named():
+def test_rows_that_others_imply_are_named() -> None:
     rows = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0], [2.0, 0.0, -2.0], [0.0, 0.0, 0.0]])
     found = eliminate_constraints(rows, [], np.ones(3))
     assert found.basis.shape == (3, 1)
     assert len(found.redundant) == 2 and 3 in found.redundant
 
 
-def test_stiff_groups_are_seen_only_by_their_own_coordinates():
+def test_stiff_groups_are_seen_only_by_their_own_coordinates() -> None:
     generator = np.random.default_rng(0)
     held, stiff, middle = (generator.normal(size=(count, 10)) for count in (2, 3, 2))
     found = eliminate_constraints(held, [stiff, middle], np.ones(10))
@@ -48,7 +49,7 @@ def test_stiff_groups_are_seen_only_by_their_own_coordinates():
     np.testing.assert_allclose(found.basis.T @ found.basis, np.eye(8), atol=1e-13)
 
 
-def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple[np.ndarray, np.ndarray]:
+def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple[FloatArray, FloatArray]:
     """Rows that hold bodies of two faces together, six dofs a face, and a scale of the dofs."""
     generator = np.random.default_rng(seed)
     rows = np.zeros((6 * len(joints), 12 * bodies))
@@ -61,7 +62,7 @@ def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random_graphs(seed):
+def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random_graphs(seed: int) -> None:
     generator = np.random.default_rng(seed)
     joints = [tuple(int(body) for body in generator.choice(8, 2, replace=False)) for _ in range(7)]
     # some joints twice: redundant
@@ -81,7 +82,7 @@ def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random
     assert np.linalg.matrix_rank(kept * scale) == len(kept) == np.linalg.matrix_rank(rows * scale)
 
 
-def test_a_ring_of_rigid_joints_that_closes_holds_one_joint_more_than_once():
+def test_a_ring_of_rigid_joints_that_closes_holds_one_joint_more_than_once() -> None:
     # rigid bodies: six dofs each, joined in a ring
     bodies = 5
     rows = np.zeros((6 * bodies, 6 * bodies))
@@ -93,7 +94,7 @@ def test_a_ring_of_rigid_joints_that_closes_holds_one_joint_more_than_once():
     assert found.basis.shape == (6 * bodies, 6) and len(found.redundant) == 6
 
 
-def test_coordinates_of_joints_that_share_no_dof_stay_apart():
+def test_coordinates_of_joints_that_share_no_dof_stay_apart() -> None:
     rows, scale = rigid_joints(30, [(body, body + 1) for body in range(29)], 0)
     found = eliminate_constraints(rows, [], scale)
     assert found.basis.shape == (360, 360 - 6 * 29) and found.redundant == ()

@@ -53,14 +53,14 @@ def axial_compliance(parts: dict[str, Superelement], machine: Machine, place: fl
 
 
 @pytest.mark.parametrize("place", [0.05, 0.3, 0.85])
-def test_nut_shaft_bearing_and_twist_are_in_series(place):
+def test_nut_shaft_bearing_and_twist_are_in_series(place: float) -> None:
     pitch = LEAD / (2.0 * math.pi)
     expected = 1.0 / NUT + 1.0 / BEARING + place / AXIAL + pitch**2 * (place / TORSIONAL + 1.0 / COUPLING)
     assert axial_compliance(*screw_machine(TWISTING), place)[0, 0] == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
-def test_between_rigid_bearings_the_shaft_is_the_standard_s(place):
+def test_between_rigid_bearings_the_shaft_is_the_standard_s(place: float) -> None:
     """ISO 3408-4: R = E A l / (a (l - a)) for a shaft fixed at both ends."""
     shaft = ScrewShaft(AXIAL, TORSIONAL, far=JointEnd("end_2", "far"), length=LENGTH)
     expected = 1.0 / NUT + place * (LENGTH - place) / (AXIAL * LENGTH)
@@ -68,7 +68,7 @@ def test_between_rigid_bearings_the_shaft_is_the_standard_s(place):
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
-def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a_body_of_their_own(place):
+def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a_body_of_their_own(place: float) -> None:
     parts, machine = screw_machine(HELD_AT_BOTH_ENDS, soft=3e8)
     tie = joint_between(
         "tie", "end_1.near", "end_2.far", stiffness=(1.0 / (1.0 / BEARING + 1.0 / FAR_BEARING + LENGTH / AXIAL), 0, 0, 0, 0, 0)
@@ -87,7 +87,7 @@ def test_two_bearings_on_soft_stands_share_the_force_like_springs_that_meet_in_a
     np.testing.assert_allclose(found, np.linalg.inv(stiffness)[np.ix_([0, 2], [0, 2])], rtol=1e-10)
 
 
-def test_a_nut_that_turns_along_its_thread_meets_no_force():
+def test_a_nut_that_turns_along_its_thread_meets_no_force() -> None:
     parts, machine = screw_machine(TWISTING)
     free = dataclasses.replace(machine.joints["guide"], held=(1, 2, 4, 5))
     coupled = couple(parts, dataclasses.replace(machine, joints=machine.joints | {"guide": free}), Pose("p", {"X": 0.2}))
@@ -98,7 +98,7 @@ def test_a_nut_that_turns_along_its_thread_meets_no_force():
     assert along @ stiffness @ along < 1e-12 * (across @ stiffness @ across)
 
 
-def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s():
+def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
     parts, machine = screw_machine(ScrewShaft(AXIAL, TORSIONAL))
     stiff = np.array(machine.joints["screw"].stiffness)
     stiff[3, 3] = 4e4
@@ -111,7 +111,7 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s():
     assert moment @ solve_static(system, moment).displacements == pytest.approx(1.0 / 4e4 + 0.4 / TORSIONAL, rel=1e-10)
 
 
-def test_a_turned_machine_has_the_same_screw():
+def test_a_turned_machine_has_the_same_screw() -> None:
     parts, machine = screw_machine(HELD_AT_BOTH_ENDS)
     frame = Frame(np.array([0.3, 1.0, -2.0]), rotation_about(np.array([1.0, -2.0, 0.4]), 0.7))
     system = couple(parts, orient_machine(machine, frame), Pose("p", {"X": 0.25})).system
@@ -121,7 +121,7 @@ def test_a_turned_machine_has_the_same_screw():
     assert found == pytest.approx(axial_compliance(parts, machine, 0.35)[0, 0], rel=1e-9)
 
 
-def test_a_nut_that_leaves_its_screw_is_named():
+def test_a_nut_that_leaves_its_screw_is_named() -> None:
     parts, machine = screw_machine(HELD_AT_BOTH_ENDS)
     with pytest.raises(ModelError, match=r"joint 'screw': the nut stands 950 mm from it, beyond the far one; name the nut's"):
         couple(parts, machine, Pose("far", {"X": 0.85}))

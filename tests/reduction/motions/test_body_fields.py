@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
@@ -84,7 +85,7 @@ def test_a_rigid_body_moves_rigidly() -> None:
     np.testing.assert_allclose(place_motion(part, points), rigid_map(points, part.center_of_mass), atol=1e-15)
 
 
-def test_modes_of_segments_and_of_finite_elements_are_the_same_motions(make_box, make_component) -> None:
+def test_modes_of_segments_and_of_finite_elements_are_the_same_motions() -> None:
     mesh = make_box((2, 3, 10), SIZE, {"foot": "z-", "tip": "z+"})
     mesh = dataclasses.replace(mesh, points=mesh.points - np.array([0.5 * SIZE[0], 0.5 * SIZE[1], 0.0]))
     component = dataclasses.replace(make_component({"foot": "rigid", "tip": "rigid"}), name="bar")

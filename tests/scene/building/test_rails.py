@@ -7,6 +7,7 @@ import pytest
 
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
 
 GOOD = """\
 [materials.steel]
@@ -53,7 +54,7 @@ at = "tcp"
 """
 
 
-def load(folder: Path, *changes: tuple[str, str]):
+def load(folder: Path, *changes: tuple[str, str]) -> Scene:
     text = GOOD
     for old, new in changes:
         assert text.count(old) == 1, old
@@ -63,7 +64,7 @@ def load(folder: Path, *changes: tuple[str, str]):
     return load_scene(path)
 
 
-def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carriage(tmp_path):
+def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carriage(tmp_path: Path) -> None:
     machine = load(tmp_path).machine
     rail = machine.components["bed"].interfaces["rail"]
     # 2.5 intervals per 60 mm on 600 mm, and the three more that a cubic takes
@@ -90,14 +91,14 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         ('block = { face = "z-" }', 'block = { face = "z-", rail = { along = "x" } }', "joints.guide.between", "both ends are rails"),
     ],
 )  # fmt: skip
-def test_a_carriage_that_cannot_be_is_named_with_its_remedy(tmp_path, old, new, key, message):
+def test_a_carriage_that_cannot_be_is_named_with_its_remedy(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
         load(tmp_path, (old, new))
     matching = [problem for problem in caught.value.problems if problem.key == key and message in problem.message]
     assert matching, str(caught.value)
 
 
-def test_segments_longer_than_the_carriage_are_warned_of(tmp_path):
+def test_segments_longer_than_the_carriage_are_warned_of(tmp_path: Path) -> None:
     change = (
         'material = "steel"\n[components.bed.interfaces]',
         'material = "steel"\nfidelity = "segmented"\nsegments = { count = 8 }\n[components.bed.interfaces]',
@@ -111,7 +112,7 @@ SHAFT = 'screw = { diameter = "20 mm", lead = "5 mm", bearing = "400 N/um", coup
 ENDS = '"bed.foot", "slide.block"]\nkind = "ball_screw"\naxis = "x"\n'
 
 
-def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(tmp_path):
+def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_elastic_parts(tmp_path: Path) -> None:
     far = SHAFT.replace(" }", ', far = "bed.foot", length = "500 mm" }')
     nut_first = ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"')
     machine = load(tmp_path, (ENDS, nut_first + far)).machine
@@ -142,7 +143,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
         (SHAFT, "", "joints.guide.screw", "a linear_guide has no screw"),
     ],
 )
-def test_a_screw_that_cannot_be_is_named_with_its_remedy(tmp_path, old, new, key, message):
+def test_a_screw_that_cannot_be_is_named_with_its_remedy(tmp_path: Path, old: str, new: str, key: str, message: str) -> None:
     text = GOOD.replace(ENDS, ENDS.replace('"bed.foot", "slide.block"', '"slide.block", "bed.foot"') + SHAFT)
     if not new:
         new = old

@@ -10,6 +10,7 @@ from headstock.scene.reading import axis_paths
 from headstock.scene.reading.axis_paths import PathFileError, read_path
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.units import ANGLE, LENGTH, parse_quantity
+from headstock.scene.studies import Sweep
 
 SLIDE = (Path(__file__).parents[2] / "data" / "slide.toml").read_text()
 WAY = '[sweeps.way]\npath = [{ X = "-100 mm" }, { X = "200 mm" }, { X = "150 mm" }]\nstep = "40 mm"\n'
@@ -21,7 +22,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def load_way(folder: Path, way: str):
+def load_way(folder: Path, way: str) -> Sweep:
     assert SLIDE.count(WAY) == 1
     (folder / "scene.toml").write_text(SLIDE.replace(WAY, f"[sweeps.way]\n{way}\n"))
     return load_scene(folder / "scene.toml").sweeps["way"]

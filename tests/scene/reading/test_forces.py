@@ -3,10 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.scene.reading.forces import ForceFileError, ForceRecord, read_forces, resample_forces, resampling_loss
 
 
-def write(folder: Path, times: np.ndarray, forces: np.ndarray) -> Path:
+def write(folder: Path, times: FloatArray, forces: FloatArray) -> Path:
     path = folder / "forces.csv"
     rows = "\n".join(",".join(f"{value!r}" for value in map(float, (t, *f))) for t, f in zip(times, forces, strict=True))
     path.write_text(f"time [s],fx,fy,fz\n{rows}\n")
@@ -66,7 +67,7 @@ def test_a_file_that_is_no_record_is_refused(tmp_path: Path, text: str, message:
 
 def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
     with pytest.raises(ForceFileError, match=r"from 0 to 0.099 s, and 0 to 0.2 s are needed"):
-        resample_forces(ForceRecord(TIMES, FORCES), np.linspace(0.0, 0.2, 50))
+        resample_forces(ForceRecord(TIMES, FORCES), np.linspace(0.0, 0.2, 50, dtype=np.float64))
     with pytest.raises(ForceFileError, match="cannot be read"):
         read_forces(tmp_path / "missing.csv")
 

@@ -14,6 +14,7 @@ from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.second_order import ComplexArray
 from headstock.validation.machines.drive_cases import (
     LOAD,
     TwoMasses,
@@ -27,35 +28,35 @@ MASSES = TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 
 
-def change(**changes):
+def change(**changes: float | str) -> AxisControl:
     return dataclasses.replace(CONTROL, **changes)
 
 
-def upper(poles):
+def upper(poles: ComplexArray) -> ComplexArray:
     return np.sort_complex(poles[poles.imag >= 0.0])
 
 
-def test_a_free_motor_leaves_one_motion_at_exactly_zero_hertz():
+def test_a_free_motor_leaves_one_motion_at_exactly_zero_hertz() -> None:
     system, _ = make_drive(MASSES, CONTROL)
     modes = solve_modal(system)
     assert modes.rigid_count == 1
     assert modes.frequencies_hz[1] == pytest.approx(MASSES.free_hz, rel=1e-12)
 
 
-def test_a_very_heavy_motor_is_a_held_one():
+def test_a_very_heavy_motor_is_a_held_one() -> None:
     system, _ = make_drive(dataclasses.replace(MASSES, motor=1e12), CONTROL)
     assert solve_modal(system).frequencies_hz[1] == pytest.approx(MASSES.locked_hz, rel=1e-9)
 
 
 @pytest.mark.parametrize("encoder", ["motor", "scale"])
-def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder):
+def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder: str) -> None:
     control = change(encoder=encoder)
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
     np.testing.assert_allclose(np.sort_complex(found), upper(closed_loop_poles(MASSES, control)), rtol=1e-8)
 
 
-def test_poles_with_dead_time_solve_the_transcendental_equation():
+def test_poles_with_dead_time_solve_the_transcendental_equation() -> None:
     control = change(dead_time=4e-4)
     system, train = make_drive(MASSES, control)
     poles = find_loop_poles(close_loops(system, [train]))
@@ -65,7 +66,7 @@ def test_poles_with_dead_time_solve_the_transcendental_equation():
         assert abs(delayed_pole(MASSES, control, pole) - pole) < 2e-6 * abs(pole)
 
 
-def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises():
+def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() -> None:
     block = make_dead_time(2.0)
     for angle in np.linspace(0.1, LARGEST_ANGLE, 20):
         s = 0.5j * angle
@@ -74,7 +75,7 @@ def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises():
         assert abs(np.angle(value * np.exp(1j * angle))) < 1e-4
 
 
-def test_the_step_response_is_the_sum_of_residues():
+def test_the_step_response_is_the_sum_of_residues() -> None:
     system, train = make_drive(MASSES, CONTROL)
     loop = close_loops(system, [train], outputs=[LOAD])
     loads = np.zeros((2001, 3))
@@ -84,13 +85,13 @@ def test_the_step_response_is_the_sum_of_residues():
 
 
 @pytest.mark.parametrize("forward", [0.0, 0.6, 1.0])
-def test_the_lag_at_constant_speed_is_the_speed_over_kv_less_feed_forward(forward):
+def test_the_lag_at_constant_speed_is_the_speed_over_kv_less_feed_forward(forward: float) -> None:
     system, train = make_drive(MASSES, change(velocity_feed_forward=forward, dead_time=1e-3))
     lag, _ = find_velocity_lag(close_loops(system, [train]), "X")
     assert lag == pytest.approx((1.0 - forward) / CONTROL.position_gain, abs=1e-12)
 
 
-def test_full_feed_forward_of_a_stiff_drive_follows_without_error():
+def test_full_feed_forward_of_a_stiff_drive_follows_without_error() -> None:
     stiff = dataclasses.replace(MASSES, stiffness=1e12)
     control = change(velocity_feed_forward=1.0, acceleration_feed_forward=stiff.motor + stiff.load)
     system, train = make_drive(stiff, control)
@@ -101,7 +102,7 @@ def test_full_feed_forward_of_a_stiff_drive_follows_without_error():
     assert np.abs(found.outputs[:, 0] - loads[:, 0]).max() < 1e-6
 
 
-def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same():
+def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same() -> None:
     system, train = make_drive(MASSES, CONTROL)
     held = dataclasses.replace(system, mass=system.mass[:1, :1], damping=None, stiffness=system.stiffness[:1, :1])
     held = dataclasses.replace(held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",))
@@ -112,7 +113,7 @@ def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same()
     assert solve_modal(light).frequencies_hz[1] == pytest.approx(expected, rel=1e-6)
 
 
-def test_two_drives_of_one_axis_share_its_set_point():
+def test_two_drives_of_one_axis_share_its_set_point() -> None:
     system, train = make_drive(MASSES, CONTROL)
     held = dataclasses.replace(system, mass=system.mass[:1, :1], damping=None, stiffness=2.0 * system.stiffness[:1, :1])
     held = dataclasses.replace(held, inputs={LOAD: np.ones(1)}, outputs={LOAD: np.ones(1)}, labels=("load",))
@@ -123,13 +124,13 @@ def test_two_drives_of_one_axis_share_its_set_point():
     assert settled[loop.space.outputs.index(("X2", ENCODER))] == pytest.approx(1.0, rel=1e-9)
 
 
-def test_margins_say_by_how_much_the_gains_may_rise():
+def test_margins_say_by_how_much_the_gains_may_rise() -> None:
     control = change(dead_time=1e-3)
     system, train = make_drive(MASSES, control)
     (margins,) = find_margins(system, [train], to_hz=2000.0)
     assert margins.gain is not None
 
-    def grows(scale):
+    def grows(scale: float) -> int:
         changed = dataclasses.replace(train, control=change(dead_time=1e-3, velocity_gain=scale * CONTROL.velocity_gain))
         return len(find_loop_poles(close_loops(system, [changed])).growing())
 
@@ -138,13 +139,13 @@ def test_margins_say_by_how_much_the_gains_may_rise():
     assert grows(1.005 * margins.gain)
 
 
-def test_gains_may_fall_to_the_lowest_gain_and_no_further():
+def test_gains_may_fall_to_the_lowest_gain_and_no_further() -> None:
     system, train = make_drive(MASSES, CONTROL)
     (margins,) = find_margins(system, [train], to_hz=2000.0)
     assert margins.gain is None
     assert margins.lowest_gain is not None
 
-    def grows(scale):
+    def grows(scale: float) -> bool:
         changed = dataclasses.replace(train, control=change(velocity_gain=scale * CONTROL.velocity_gain))
         return bool(find_loop_poles(close_loops(system, [changed])).growing())
 

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
-from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
 from headstock.solvers.control.friction_loop import friction_force, friction_ports, friction_slope, make_rubbing_loop
 from headstock.solvers.errors import ModelError
@@ -15,20 +16,20 @@ from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_driv
 
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=2e-4, current_lag=1e-4)
 LAW = GuideFriction(coulomb=50.0, breakaway=80.0, stribeck_speed=1e-3, viscous=100.0, smoothing=1e-4)
-TIMES = np.linspace(0.0, 0.2, 201)
+TIMES = np.linspace(0.0, 0.2, 201, dtype=np.float64)
 
 
-def loop_with(law):
+def loop_with(law: GuideFriction | None) -> ClosedLoop:
     system, train = make_drive(TwoMasses(), CONTROL, law)
     return close_loops(system, [train], inputs=[LOAD, *friction_ports((train,))], outputs=[LOAD])
 
 
-def push(instant):
+def push(instant: float) -> FloatArray:
     """A set point that accelerates at a constant rate, and a load that swings."""
     return np.array([0.25 * instant**2, 0.5 * instant, 0.5, 30.0 * np.sin(400.0 * instant)])
 
 
-def test_without_friction_it_is_the_exact_discretisation():
+def test_without_friction_it_is_the_exact_discretisation() -> None:
     loop = loop_with(None)
     found = solve_motion(loop, push, TIMES[:51], tolerance=1e-9)
     fine = 1e-5 * np.arange(5001)
@@ -37,7 +38,7 @@ def test_without_friction_it_is_the_exact_discretisation():
     np.testing.assert_allclose(found.outputs[:, :4], exact[:, :4], atol=2e-8 * np.abs(exact[:, :4]).max())
 
 
-def test_energy_balances_and_two_integrators_agree():
+def test_energy_balances_and_two_integrators_agree() -> None:
     radau, bdf = (solve_motion(loop_with(LAW), push, TIMES, method=method) for method in ("Radau", "BDF"))
     assert radau.energy.error < 1e-6
     assert bdf.energy.error < 1e-6
@@ -47,7 +48,7 @@ def test_energy_balances_and_two_integrators_agree():
         assert np.abs(part).max() > 0.0
 
 
-def test_the_jacobian_is_the_derivative_of_the_rate():
+def test_the_jacobian_is_the_derivative_of_the_rate() -> None:
     model = make_rubbing_loop(loop_with(LAW))
     rng = np.random.default_rng(3)
     full, given = rng.normal(size=model.size + 4), np.append(rng.normal(size=3), 20.0)
@@ -63,25 +64,25 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
 
 
 @pytest.mark.parametrize("speed", [-1e-2, -3e-4, 0.0, 2e-5, 1e-3, 0.5])
-def test_the_slope_of_friction_is_its_derivative(speed):
+def test_the_slope_of_friction_is_its_derivative(speed: float) -> None:
     step = 1e-9
     around = friction_force(LAW, np.array([speed - step, speed + step]))
     assert friction_slope(LAW, np.array(speed)) == pytest.approx(np.diff(around)[0] / (2.0 * step), rel=1e-5, abs=1e-3)
 
 
-def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast():
+def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> None:
     law = dataclasses.replace(LAW, smoothing=1e-7)
     assert friction_force(law, np.array(1e-5)) == pytest.approx(80.0, rel=1e-3)
     assert friction_force(law, np.array(-0.1)) == pytest.approx(-60.0, rel=1e-9)
 
 
-def test_a_loop_closed_without_its_friction_is_refused():
+def test_a_loop_closed_without_its_friction_is_refused() -> None:
     system, train = make_drive(TwoMasses(), CONTROL, LAW)
     with pytest.raises(ValueError, match="last inputs"):
         make_rubbing_loop(close_loops(system, [train]))
 
 
-def test_a_port_that_does_not_exist_is_named():
+def test_a_port_that_does_not_exist_is_named() -> None:
     system, train = make_drive(TwoMasses(), CONTROL)
     with pytest.raises(ModelError, match="no input"):
         close_loops(system, [train], inputs=[("nose", "x")])

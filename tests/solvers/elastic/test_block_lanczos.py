@@ -1,16 +1,20 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget, cluster_end, lowest_eigenpairs
 from headstock.solvers.errors import ConvergenceError
 
 COMM = MPI.COMM_SELF
 SIZE = 400
+Pencil = tuple[FloatArray, Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]  # K^-1 and M as operators
 
 
 @pytest.fixture(scope="module")
-def pencil():
+def pencil() -> Pencil:
     rng = np.random.default_rng(4)
     values = np.cumsum(rng.uniform(0.5, 2.0, SIZE)) ** 2
     shapes = np.linalg.qr(rng.standard_normal((SIZE, SIZE)))[0]
@@ -21,26 +25,26 @@ def pencil():
     return values, lambda x: inverse @ x, lambda x: weights[:, None] * x
 
 
-def search(pencil, target, width=6, seed=0, dimension=SIZE):
+def search(pencil: Pencil, target: ModeTarget, width: int = 6, seed: int = 0, dimension: int = SIZE) -> EigenPairs:
     _, inverse, mass = pencil
     start = np.random.default_rng(seed).standard_normal((SIZE, width))
     return lowest_eigenpairs(inverse, mass, start, target, comm=COMM, dimension=dimension)
 
 
 @pytest.mark.parametrize("width", [1, 4, 12])
-def test_the_lowest_pairs_come_out_whatever_the_width_of_the_block(pencil, width):
+def test_the_lowest_pairs_come_out_whatever_the_width_of_the_block(pencil: Pencil, width: int) -> None:
     found = search(pencil, ModeTarget(count=20), width)
     np.testing.assert_allclose(found.values, pencil[0][: len(found.values)], rtol=1e-10)
     assert len(found.values) >= 20
 
 
-def test_vectors_are_orthonormal_in_the_mass(pencil):
+def test_vectors_are_orthonormal_in_the_mass(pencil: Pencil) -> None:
     found = search(pencil, ModeTarget(count=20))
     gram = found.vectors.T @ pencil[2](found.vectors)
     np.testing.assert_allclose(gram, np.eye(len(gram)), atol=1e-11)
 
 
-def test_residuals_are_as_small_as_the_bounds_say(pencil):
+def test_residuals_are_as_small_as_the_bounds_say(pencil: Pencil) -> None:
     values, inverse, mass = pencil
     found = search(pencil, ModeTarget(count=15))
     flexibilities = 1.0 / found.values
@@ -49,25 +53,25 @@ def test_residuals_are_as_small_as_the_bounds_say(pencil):
     assert (sizes < found.residuals + 1e-12 * values[20] / values[0]).all()
 
 
-def test_a_frequency_target_is_complete_up_to_it(pencil):
+def test_a_frequency_target_is_complete_up_to_it(pencil: Pencil) -> None:
     limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
     found = search(pencil, ModeTarget(up_to_hz=limit))
     assert len(found.values) >= 12
     assert found.next_value > (2.0 * np.pi * limit) ** 2
 
 
-def test_the_next_value_is_the_first_left_out(pencil):
+def test_the_next_value_is_the_first_left_out(pencil: Pencil) -> None:
     found = search(pencil, ModeTarget(count=10))
     assert found.next_value == pytest.approx(pencil[0][len(found.values)], rel=1e-3)
 
 
-def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil):
+def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil: Pencil) -> None:
     found = search(pencil, ModeTarget(count=SIZE))
     np.testing.assert_allclose(found.values, pencil[0], rtol=1e-7)
     assert found.next_value == np.inf
 
 
-def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reached():
+def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reached() -> None:
     # 1500 frequencies below the limit, of which a search by frequency takes a thousand vectors at most
     values = np.linspace(1.0, 9.0, 1500)[:, None]
     start = np.random.default_rng(0).standard_normal((1500, 125))
@@ -76,7 +80,7 @@ def test_a_target_beyond_the_limit_of_the_search_is_refused_with_what_was_reache
         lowest_eigenpairs(lambda x: x / values, lambda x: x, start, target, comm=COMM, dimension=1500)
 
 
-def test_a_space_that_closes_early_is_widened_until_every_mode_is_found():
+def test_a_space_that_closes_early_is_widened_until_every_mode_is_found() -> None:
     # only three different values: from two directions no more than six vectors can be reached
     values = np.repeat([1.0, 4.0, 9.0], 20)
     start = np.random.default_rng(8).standard_normal((60, 2))
@@ -86,17 +90,17 @@ def test_a_space_that_closes_early_is_widened_until_every_mode_is_found():
 
 
 @pytest.mark.parametrize(("count", "end"), [(0, 0), (1, 1), (2, 4), (3, 4), (4, 4), (5, 5)])
-def test_a_cluster_is_never_cut(count, end):
+def test_a_cluster_is_never_cut(count: int, end: int) -> None:
     assert cluster_end(np.array([1.0, 2.0, 2.004, 2.009, 3.0]), count) == end
 
 
-def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wanted(pencil):
+def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wanted(pencil: Pencil) -> None:
     # the widest gap is the one after 15
     frequencies = np.cumprod(np.where(np.arange(200) == 15, 1.004, 1.001))
     assert cluster_end(frequencies, 6) == 15
 
 
-def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound():
+def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound() -> None:
     values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(2998) ** 1.5])
     start = np.random.default_rng(3).standard_normal((3000, 6))
     found = lowest_eigenpairs(lambda x: x / values[:, None], lambda x: x, start, ModeTarget(count=6), comm=COMM, dimension=3000)
@@ -105,7 +109,7 @@ def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_
     assert len(found.values) >= 2 and found.next_value <= values[len(found.values)] * (1.0 + 1e-9)
 
 
-def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil):
+def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil: Pencil) -> None:
     limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
     assert len(search(pencil, ModeTarget(count=5, up_to_hz=limit)).values) < 12
     assert len(search(pencil, ModeTarget(count=50, up_to_hz=limit)).values) == len(

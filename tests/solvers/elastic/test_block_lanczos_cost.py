@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic.block_lanczos import ModeTarget, lowest_eigenpairs
 
 SIZE = 240
 
 
 @pytest.fixture(scope="module")
-def matrices() -> tuple[np.ndarray, np.ndarray]:
+def matrices() -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(11)
     basis = np.linalg.qr(rng.standard_normal((SIZE, SIZE)))[0]
     mass = basis @ np.diag(rng.uniform(0.5, 2.0, SIZE)) @ basis.T
@@ -20,15 +21,15 @@ def matrices() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Counter:
-    def __init__(self, matrix: np.ndarray) -> None:
+    def __init__(self, matrix: FloatArray) -> None:
         self.matrix, self.calls = matrix, 0
 
-    def __call__(self, block: np.ndarray) -> np.ndarray:
+    def __call__(self, block: FloatArray) -> FloatArray:
         self.calls += 1
         return self.matrix @ block
 
 
-def test_a_block_costs_one_solve_and_about_one_mass_product(matrices: tuple[np.ndarray, np.ndarray]) -> None:
+def test_a_block_costs_one_solve_and_about_one_mass_product(matrices: tuple[FloatArray, FloatArray]) -> None:
     stiffness, mass = matrices
     inverse, massive = Counter(np.linalg.inv(stiffness)), Counter(mass)
     start = np.random.default_rng(5).standard_normal((SIZE, 4))

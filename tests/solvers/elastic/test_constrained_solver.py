@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.geometry.frames import rigid_map
+from common import make_box, make_component
+from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.constrained_solver import NEGLIGIBLE_ROUNDOFF, ConstrainedSolver, rigid_motions
-from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import ConvergenceError, ModelError
 
 COMM = MPI.COMM_SELF
@@ -12,11 +13,13 @@ RNG = np.random.default_rng(11)
 
 
 @pytest.fixture(scope="module")
-def operators(make_box, make_component):
+def operators() -> ElasticOperators:
     return assemble_elasticity(make_box((1, 2, 3), (0.1, 0.2, 0.4)), make_component().material, comm=COMM, with_mass=True)
 
 
-def saddle_solution(operators, held, constraints, loads, targets):
+def saddle_solution(
+    operators: ElasticOperators, held: BoolArray, constraints: FloatArray, loads: FloatArray, targets: FloatArray
+) -> FloatArray:
     """The same problem by a dense saddle-point system."""
     free = ~held
     size, count = int(free.sum()), constraints.shape[1]
@@ -31,7 +34,7 @@ def saddle_solution(operators, held, constraints, loads, targets):
     return result
 
 
-def means(operators):
+def means(operators: ElasticOperators) -> FloatArray:
     """Mean motions of the upper and the lower face, six each."""
     columns = []
     for level in (0.0, 0.4):
@@ -42,7 +45,7 @@ def means(operators):
 
 
 @pytest.mark.parametrize("held_kind", ["nothing", "a plane in z", "a face"])
-def test_answers_are_those_of_a_dense_saddle_point_system(operators, held_kind):
+def test_answers_are_those_of_a_dense_saddle_point_system(operators: ElasticOperators, held_kind: str) -> None:
     face = operators.points[:, 2] < 1e-9
     held = np.zeros(operators.owned_dofs, dtype=bool)
     if held_kind == "a plane in z":
@@ -59,7 +62,7 @@ def test_answers_are_those_of_a_dense_saddle_point_system(operators, held_kind):
     np.testing.assert_allclose(np.where(held[:, None], 0.0, constraints).T @ found, targets, atol=1e-9 * np.abs(targets).max())
 
 
-def test_the_pins_of_a_floating_body_carry_no_force(operators):
+def test_the_pins_of_a_floating_body_carry_no_force(operators: ElasticOperators) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     constraints = means(operators)
     loads = RNG.standard_normal((len(held), 2))
@@ -71,20 +74,20 @@ def test_the_pins_of_a_floating_body_carry_no_force(operators):
     assert np.abs(rest).max() < 1e-9 * np.abs(loads).max()
 
 
-def test_means_that_hold_five_of_six_motions_are_refused_with_the_number_left_free(operators):
+def test_means_that_hold_five_of_six_motions_are_refused_with_the_number_left_free(operators: ElasticOperators) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     with pytest.raises(ModelError, match="1 rigid motions"):
         ConstrainedSolver(operators, held, means(operators)[:, :5])
 
 
-def test_a_symmetry_plane_alone_leaves_three_motions_free(operators):
+def test_a_symmetry_plane_alone_leaves_three_motions_free(operators: ElasticOperators) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     held[2::3] = operators.points[:, 2] < 1e-9
     with pytest.raises(ModelError, match="3 rigid motions"):
         ConstrainedSolver(operators, held, np.zeros((len(held), 0)))
 
 
-def test_symmetry_planes_in_three_directions_hold_a_body(operators):
+def test_symmetry_planes_in_three_directions_hold_a_body(operators: ElasticOperators) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     for axis in range(3):
         held[axis::3] = operators.points[:, axis] < 1e-9
@@ -93,7 +96,7 @@ def test_symmetry_planes_in_three_directions_hold_a_body(operators):
         assert np.isfinite(solver.solve(np.ones((len(held), 1)))).all()
 
 
-def test_the_residual_of_every_solve_is_kept(operators):
+def test_the_residual_of_every_solve_is_kept(operators: ElasticOperators) -> None:
     held = np.repeat(operators.points[:, 2] < 1e-9, 3)
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         assert solver.largest_residual == 0.0
@@ -101,7 +104,7 @@ def test_the_residual_of_every_solve_is_kept(operators):
         assert 0.0 < solver.largest_residual < 1e-10
 
 
-def test_reciprocity_holds_between_any_two_loads(operators):
+def test_reciprocity_holds_between_any_two_loads(operators: ElasticOperators) -> None:
     held = np.zeros(operators.owned_dofs, dtype=bool)
     loads = RNG.standard_normal((len(held), 6))
     with ConstrainedSolver(operators, held, means(operators)) as solver:
@@ -109,21 +112,21 @@ def test_reciprocity_holds_between_any_two_loads(operators):
     assert np.abs(work - work.T).max() < 1e-10 * np.abs(work).max()
 
 
-def test_rigid_motions_are_of_unit_size_and_free_of_force(operators):
+def test_rigid_motions_are_of_unit_size_and_free_of_force(operators: ElasticOperators) -> None:
     motions = rigid_motions(operators)
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(operators.apply_stiffness(motions)).max() < 1e-12 * operators.stiffness_scale
     np.testing.assert_allclose((motions[:, 3:] ** 2).sum(axis=0).sum() / len(operators.points), 2.0, rtol=1e-12)
 
 
-def strip_operators(make_box, make_component, thickness):
+def strip_operators(thickness: float) -> ElasticOperators:
     mesh = make_box((40, 1, 1), (1.0, 0.02, thickness))
     return assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
 
 
 @pytest.mark.parametrize("thickness", [0.02, 1e-3], ids=["1:50", "1:1000"])
-def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(make_box, make_component, thickness):
-    operators = strip_operators(make_box, make_component, thickness)
+def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(thickness: float) -> None:
+    operators = strip_operators(thickness)
     x, _, z = operators.points.T
     held = np.repeat(x < 1e-9, 3)
     shape = np.zeros((len(held), 1))
@@ -134,8 +137,8 @@ def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(make_box, m
     assert np.abs(found - shape).max() < 1e-8 * np.abs(shape).max()
 
 
-def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending(make_box, make_component):
-    operators = strip_operators(make_box, make_component, 1e-3)
+def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending() -> None:
+    operators = strip_operators(1e-3)
     moved = np.zeros((operators.owned_dofs, 1))
     moved[2::3] = 1.0
     bending = make_component().material.youngs_modulus * 0.02 * 1e-9 / 12.0
@@ -144,7 +147,7 @@ def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending(m
     assert operators.energy_roundoff(moved)[0] > 1e-5 * bending
 
 
-def test_a_load_that_the_means_carry_alone_moves_nothing(operators):
+def test_a_load_that_the_means_carry_alone_moves_nothing(operators: ElasticOperators) -> None:
     held = np.repeat(operators.points[:, 2] < 1e-9, 3)
     constraints = means(operators)[:, 6:]
     with ConstrainedSolver(operators, held, constraints) as solver:
@@ -154,7 +157,7 @@ def test_a_load_that_the_means_carry_alone_moves_nothing(operators):
     assert np.abs(moved).max() * operators.stiffness_scale > 1.0
 
 
-def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators, monkeypatch):
+def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch) -> None:
     held = np.repeat(operators.points[:, 2] < 1e-9, 3)
     with ConstrainedSolver(operators, held, np.zeros((len(held), 0))) as solver:
         good = solver._factorization.solve
@@ -169,9 +172,9 @@ def test_a_stiffness_that_its_factors_miss_by_far_is_refused(operators, monkeypa
 
 @pytest.mark.parametrize("share", [1e-3, 0.5], ids=["a thousandth", "half"])
 def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are_small(
-    make_box, make_component, monkeypatch, share
-):
-    operators = strip_operators(make_box, make_component, 1e-3)
+    monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    operators = strip_operators(1e-3)
     held = np.repeat(operators.points[:, 0] < 1e-9, 3)
     load = np.zeros((len(held), 1))
     load[2::3] = 1.0
@@ -189,8 +192,8 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
 
 
 @pytest.mark.parametrize("thickness", [0.02, 1e-3, 4e-4], ids=["1:50", "1:1000", "1:2500"])
-def test_what_refinement_leaves_is_within_what_conditioning_allows(make_box, make_component, thickness):
-    operators = strip_operators(make_box, make_component, thickness)
+def test_what_refinement_leaves_is_within_what_conditioning_allows(thickness: float) -> None:
+    operators = strip_operators(thickness)
     x, _, z = operators.points.T
     held = np.repeat(x < 1e-9, 3)
     shape = np.zeros((len(held), 1))

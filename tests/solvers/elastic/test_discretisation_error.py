@@ -1,6 +1,12 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Material
+from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.elements.topology import shape_functions, shape_gradients
 from headstock.solvers.elastic.discretisation_error import estimate_mesh_errors, gauss_places
 
@@ -8,7 +14,9 @@ SIZE = (0.2, 0.3, 0.5)
 ORDERS = {"tet4": 1, "hex8": 1, "tet10": 2, "hex27": 2}
 
 
-def true_missing_energy(mesh, material, gradient):
+def true_missing_energy(
+    mesh: ComponentMesh, material: Material, gradient: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+) -> float:
     """Squared energy norm of what nodal values of a field leave out, by an interpolation of their own and many places per cell."""
     places, weights = gauss_places(mesh.kind, 8)
     nodes = mesh.points[mesh.cells]
@@ -25,7 +33,7 @@ def true_missing_energy(mesh, material, gradient):
     return float((density * np.abs(np.linalg.det(jacobians)) * weights).sum())
 
 
-def wave(points):
+def wave(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A smooth displacement that no element holds, and its gradient."""
     phase = points @ np.array([6.0, 3.0, 5.0])
     direction = np.array([1.0, -0.5, 0.7])
@@ -35,7 +43,7 @@ def wave(points):
 
 
 @pytest.mark.parametrize("kind", ORDERS)
-def test_a_stress_that_the_elements_hold_misses_no_energy(make_box, make_component, kind):
+def test_a_stress_that_the_elements_hold_misses_no_energy(kind: CellKind) -> None:
     mesh, material = make_box((2, 2, 3), SIZE, kind=kind), make_component().material
     turn = np.array([[1.0, 2.0, 0.5], [0.3, -1.0, 0.2], [0.0, 0.7, 3.0]])
     moved = mesh.points @ turn.T if ORDERS[kind] == 1 else (mesh.points @ turn.T) * mesh.points[:, ::-1]
@@ -44,9 +52,7 @@ def test_a_stress_that_the_elements_hold_misses_no_energy(make_box, make_compone
 
 
 @pytest.mark.parametrize("kind", ORDERS)
-def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_falls_with_twice_the_order(
-    make_box, make_component, kind
-):
+def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_falls_with_twice_the_order(kind: CellKind) -> None:
     material = make_component().material
     ratios, sizes = [], []
     for count in (4, 8):
@@ -58,7 +64,7 @@ def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_
     assert np.log2(sizes[0] / sizes[1]) == pytest.approx(2 * ORDERS[kind], abs=0.6)
 
 
-def test_products_are_those_of_the_sum_of_fields(make_box, make_component):
+def test_products_are_those_of_the_sum_of_fields() -> None:
     mesh, material = make_box((2, 2, 3), SIZE, kind="tet10"), make_component().material
     fields = np.column_stack([wave(mesh.points)[0].ravel(), np.cos(9.0 * mesh.points).ravel()])
     both = estimate_mesh_errors(mesh, material, fields).missing_energy
@@ -67,15 +73,15 @@ def test_products_are_those_of_the_sum_of_fields(make_box, make_component):
     np.testing.assert_array_equal(both, both.T)
 
 
-def test_one_cell_alone_is_no_obstacle(make_box, make_component):
+def test_one_cell_alone_is_no_obstacle() -> None:
     mesh, material = make_box((1, 1, 1), SIZE, kind="hex27"), make_component().material
     assert np.isfinite(estimate_mesh_errors(mesh, material, wave(mesh.points)[0].reshape(-1, 1)).missing_energy).all()
 
 
-def test_curved_cells_are_measured_where_they_are(make_box, make_component):
+def test_curved_cells_are_measured_where_they_are() -> None:
     material = make_component().material
 
-    def bend(points):
+    def bend(points: FloatArray) -> FloatArray:
         return points + 0.02 * np.sin(8.0 * points[:, ::-1])
 
     mesh = make_box((3, 4, 5), SIZE, kind="tet10", warp=bend, straight=False)

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import make_box, make_component
 from headstock.geometry.errors import OutOfMemoryError
+from headstock.geometry.frames import BoolArray
 from headstock.solvers.elastic import factorization
-from headstock.solvers.elastic.elasticity import assemble_elasticity
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.errors import HeadstockError
 
@@ -15,14 +17,14 @@ COMM = MPI.COMM_SELF
 
 
 @pytest.fixture(scope="module")
-def block(make_box, make_component):
+def block() -> tuple[ElasticOperators, BoolArray]:
     mesh = make_box((1, 2, 3), (0.1, 0.2, 0.4))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=False)
     return operators, np.repeat(operators.points[:, 2] < 1e-9, 3)
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block, count):
+def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block: tuple[ElasticOperators, BoolArray], count: int) -> None:
     operators, held = block
     loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, count))
     with Factorization(operators, held) as factorization:
@@ -32,7 +34,9 @@ def test_solutions_are_those_of_a_dense_solver_and_held_dofs_rest(block, count):
     assert not found[held].any()
 
 
-def test_a_factorisation_without_memory_blames_no_element(block, monkeypatch: pytest.MonkeyPatch):
+def test_a_factorisation_without_memory_blames_no_element(
+    block: tuple[ElasticOperators, BoolArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
     factor = SimpleNamespace(getMumpsInfog=lambda _: -13)
     monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
     monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: factor)
@@ -42,7 +46,7 @@ def test_a_factorisation_without_memory_blames_no_element(block, monkeypatch: py
         Factorization(*block)
 
 
-def test_loads_on_held_dofs_are_ignored(block):
+def test_loads_on_held_dofs_are_ignored(block: tuple[ElasticOperators, BoolArray]) -> None:
     operators, held = block
     loads = np.random.default_rng(0).standard_normal((operators.owned_dofs, 1))
     with Factorization(operators, held) as factorization:
@@ -51,27 +55,27 @@ def test_loads_on_held_dofs_are_ignored(block):
     np.testing.assert_array_equal(found, again)
 
 
-def test_a_stiffness_that_is_not_positive_definite_is_refused(block):
+def test_a_stiffness_that_is_not_positive_definite_is_refused(block: tuple[ElasticOperators, BoolArray]) -> None:
     operators, held = block
     upside_down = dataclasses.replace(operators, stiffness=-operators.stiffness)
     with pytest.raises(HeadstockError, match="not positive definite"):
         Factorization(upside_down, held).solve(np.ones((operators.owned_dofs, 1)))
 
 
-def test_with_every_dof_held_nothing_moves(block):
+def test_with_every_dof_held_nothing_moves(block: tuple[ElasticOperators, BoolArray]) -> None:
     operators, held = block
     with Factorization(operators, np.ones_like(held)) as factorization:
         assert factorization.free_total == 0
         assert not factorization.solve(np.ones((len(held), 2))).any()
 
 
-def test_no_right_hand_side_gives_no_solution(block):
+def test_no_right_hand_side_gives_no_solution(block: tuple[ElasticOperators, BoolArray]) -> None:
     operators, held = block
     with Factorization(operators, held) as factorization:
         assert factorization.solve(np.zeros((len(held), 0))).shape == (len(held), 0)
 
 
-def test_a_single_element_whose_dofs_all_meet_is_factorised(make_box, make_component):
+def test_a_single_element_whose_dofs_all_meet_is_factorised() -> None:
     # the ordering used for large matrices ends the process on such a graph
     mesh = make_box((1, 1, 1), (0.1, 0.1, 0.1))
     operators = assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=False)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic import factorization
 from headstock.solvers.elastic.factorization import dissect_nodes
 
@@ -15,7 +16,7 @@ def grid(side: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix(planes + scipy.sparse.kron(scipy.sparse.kron(eye, eye), line))
 
 
-def fill(pattern: scipy.sparse.csr_matrix, order: np.ndarray) -> int:
+def fill(pattern: scipy.sparse.csr_matrix, order: FloatArray) -> int:
     """Entries of the Cholesky factor of a pattern under an order."""
     dense = pattern[order][:, order].toarray() != 0.0
     for row in range(len(dense)):

@@ -1,6 +1,10 @@
 import numpy as np
 import pytest
 
+from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Material
+from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.elastic.stress_recovery import recover_at_points
 from headstock.solvers.errors import ModelError
 
@@ -9,15 +13,15 @@ GRADIENT = np.array([[1.0, 2.0, 0.5], [0.3, -1.0, 0.2], [0.0, 0.7, 3.0]]) * 1e-4
 PLACES = np.array([[0.05, 0.07, 0.11], [0.1, 0.15, 0.25], [0.0, 0.0, 0.0], [0.19, 0.29, 0.49]])
 
 
-def hooke(material, gradient):
+def hooke(material: Material, gradient: FloatArray) -> FloatArray:
     strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
-    return 2.0 * shear * strain + lame * np.trace(strain, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    return np.asarray(2.0 * shear * strain + lame * np.trace(strain, axis1=-2, axis2=-1)[..., None, None] * np.eye(3))
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8", "tet10", "hex27"])
-def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_nodes(make_box, make_component, kind):
+def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_nodes(kind: CellKind) -> None:
     mesh, material = make_box((1, 2, 2), SIZE, kind=kind), make_component().material
     found = recover_at_points(mesh, material, mesh.points @ GRADIENT.T, PLACES)
     np.testing.assert_allclose(found.displacement, PLACES @ GRADIENT.T, atol=1e-15)
@@ -27,7 +31,7 @@ def test_a_linear_displacement_comes_back_with_its_stress_inside_cells_and_at_no
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex27"])
-def test_second_order_elements_hold_a_linear_stress_exactly(make_box, make_component, kind):
+def test_second_order_elements_hold_a_linear_stress_exactly(kind: CellKind) -> None:
     mesh, material = make_box((1, 2, 2), SIZE, kind=kind), make_component().material
     field = np.column_stack([mesh.points[:, 2] ** 2, mesh.points[:, 0] * mesh.points[:, 1], 0.0 * mesh.points[:, 0]])
     found = recover_at_points(mesh, material, field.ravel(), PLACES)
@@ -37,7 +41,7 @@ def test_second_order_elements_hold_a_linear_stress_exactly(make_box, make_compo
     np.testing.assert_allclose(found.stress, exact, atol=1e-9 * np.abs(exact).max())
 
 
-def test_a_stress_that_jumps_between_cells_is_averaged_and_the_jump_is_told(make_box, make_component):
+def test_a_stress_that_jumps_between_cells_is_averaged_and_the_jump_is_told() -> None:
     mesh, material = make_box((1, 1, 2), SIZE, kind="hex8"), make_component().material
     field = np.zeros((len(mesh.points), 3))
     field[:, 2] = np.abs(mesh.points[:, 2] - 0.25) * 1e-4
@@ -47,7 +51,7 @@ def test_a_stress_that_jumps_between_cells_is_averaged_and_the_jump_is_told(make
     assert np.abs(found.stress).max() < 1e-6
 
 
-def test_a_point_outside_is_refused(make_box, make_component):
+def test_a_point_outside_is_refused() -> None:
     mesh = make_box((1, 2, 2), SIZE)
     with pytest.raises(ModelError, match="outside"):
         recover_at_points(mesh, make_component().material, np.zeros(mesh.points.shape), np.array([[0.1, 0.1, 0.51]]))

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.solvers.elastic.elasticity import assemble_elasticity
+from common import make_box, make_component, present
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import ComponentMesh
+from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.solvers.errors import AccuracyError
 
@@ -13,28 +16,28 @@ SIZE = (0.1, 0.13, 0.4)
 
 
 @pytest.fixture(scope="module")
-def block(make_box, make_component):
+def block() -> tuple[ComponentMesh, ElasticOperators]:
     mesh = make_box((1, 1, 3), SIZE)
     return mesh, assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
 
 
-def dense_pencil(operators):
+def dense_pencil(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
     order = np.argsort(operators.nodes)
     dofs = (3 * order[:, None] + np.arange(3)).ravel()
-    mass = np.kron(operators.scalar_mass.toarray(), np.eye(3))
+    mass = np.kron(present(operators.scalar_mass).toarray(), np.eye(3))
     return operators.stiffness.toarray()[np.ix_(dofs, dofs)], mass[np.ix_(dofs, dofs)]
 
 
-def frequencies(stiffness, mass):
+def frequencies(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
     factor = np.linalg.inv(np.linalg.cholesky(mass))
-    return np.sqrt(np.abs(np.linalg.eigvalsh(factor @ stiffness @ factor.T))) / (2.0 * np.pi)
+    return np.asarray(np.sqrt(np.abs(np.linalg.eigvalsh(factor @ stiffness @ factor.T))) / (2.0 * np.pi))
 
 
-def between(values, count):
-    return 0.5 * (values[count - 1] + values[count])
+def between(values: FloatArray, count: int) -> float:
+    return float(0.5 * (values[count - 1] + values[count]))
 
 
-def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block):
+def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     mesh, operators = block
     foot = mesh.points[:, 2] < 1e-9
     free = np.repeat(~foot, 3)
@@ -45,14 +48,14 @@ def test_the_count_of_a_clamped_block_is_that_of_all_its_eigenvalues(block):
         assert count_frequencies_below(operators, held, between(found, count)) == count
 
 
-def test_rigid_motions_of_a_free_block_are_counted(block):
+def test_rigid_motions_of_a_free_block_are_counted(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     _, operators = block
     found = frequencies(*dense_pencil(operators))
     held = np.zeros(operators.owned_dofs, dtype=bool)
     assert count_frequencies_below(operators, held, 0.5 * found[6]) == 6
 
 
-def test_means_held_at_zero_take_their_modes_out_of_the_count(block):
+def test_means_held_at_zero_take_their_modes_out_of_the_count(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     mesh, operators = block
     everywhere = np.random.default_rng(3).standard_normal((len(mesh.points), 3, 7))
     constraints = everywhere[operators.nodes].reshape(-1, 7)
@@ -64,12 +67,12 @@ def test_means_held_at_zero_take_their_modes_out_of_the_count(block):
         assert count_frequencies_below(operators, held, between(found, count), constraints=constraints) == count
 
 
-def test_a_component_without_free_dofs_has_no_frequencies(block):
+def test_a_component_without_free_dofs_has_no_frequencies(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     _, operators = block
     assert count_frequencies_below(operators, np.ones(operators.owned_dofs, dtype=bool), 1e9) == 0
 
 
-def test_a_count_without_mass_is_refused(block):
+def test_a_count_without_mass_is_refused(block: tuple[ComponentMesh, ElasticOperators]) -> None:
     _, operators = block
     with pytest.raises(AccuracyError, match="mass"):
         count_frequencies_below(dataclasses.replace(operators, scalar_mass=None), np.zeros(operators.owned_dofs, dtype=bool), 1.0)

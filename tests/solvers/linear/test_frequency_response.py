@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import present
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear import damped_modes
 from headstock.solvers.linear.damped_modes import solve_damped
@@ -19,12 +21,15 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.linear.stability_figures import find_stability_figures
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))
 
 
-def make_system(size=12, *, seed=0, damping=None, hysteretic=None):
+def make_system(
+    size: int = 12, *, seed: int = 0, damping: FloatArray | None = None, hysteretic: FloatArray | None = None
+) -> SecondOrderSystem:
     random = np.random.default_rng(seed)
     factor = random.standard_normal((size, size))
     stiffness = 1e6 * (factor @ factor.T + 0.1 * np.eye(size))
@@ -33,7 +38,7 @@ def make_system(size=12, *, seed=0, damping=None, hysteretic=None):
     return SecondOrderSystem(mass, damping, stiffness, ports, ports, tuple(map(str, range(size))), hysteretic)
 
 
-def make_oscillator(*, zeta=0.0, eta=0.0, hz=80.0, mass=3.0):
+def make_oscillator(*, zeta: float = 0.0, eta: float = 0.0, hz: float = 80.0, mass: float = 3.0) -> SecondOrderSystem:
     square = (2.0 * np.pi * hz) ** 2
     port = {("a", "x"): np.ones(1)}
     damping = np.full((1, 1), 2.0 * zeta * mass * np.sqrt(square)) if zeta else None
@@ -41,17 +46,17 @@ def make_oscillator(*, zeta=0.0, eta=0.0, hz=80.0, mass=3.0):
     return SecondOrderSystem(np.eye(1) * mass, damping, np.eye(1) * mass * square, port, port, ("q",), loss)
 
 
-def dashpots(size=12, seed=1):
+def dashpots(size: int = 12, seed: int = 1) -> FloatArray:
     lines = np.random.default_rng(seed).standard_normal((size, 3))
     return 80.0 * lines @ lines.T
 
 
-def losses(system, seed=2):
+def losses(system: SecondOrderSystem, seed: int = 2) -> FloatArray:
     lines = np.random.default_rng(seed).standard_normal((len(system.mass), 2))
     return 0.01 * system.stiffness + 5e4 * lines @ lines.T
 
 
-def cases():
+def cases() -> dict[str, tuple[SecondOrderSystem, str]]:
     bare = make_system()
     return {
         "undamped": (bare, "modal"),
@@ -64,7 +69,7 @@ def cases():
     }
 
 
-def few_dampers():
+def few_dampers() -> dict[str, SecondOrderSystem]:
     """Systems of 60 dofs with few dampers: viscous ones, losses, rigid motions, damping of all modes besides; and a very strong one."""
     size = 60
     bare = make_system(size, seed=4)
@@ -88,7 +93,7 @@ def few_dampers():
 
 
 @pytest.mark.parametrize("name", list(few_dampers()))
-def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_direct_solves(name):
+def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_direct_solves(name: str) -> None:
     system = few_dampers()[name]
     model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
     undamped = np.linalg.eigvalsh(
@@ -103,7 +108,7 @@ def test_few_dampers_cost_a_small_solve_per_frequency_and_the_answer_is_that_of_
     np.testing.assert_allclose(found.receptance / scale, expected / scale, atol=1e-8)
 
 
-def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only_where_it_is_seen():
+def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only_where_it_is_seen() -> None:
     system = few_dampers()["dashpots"]
     square = (2.0 * np.pi * 55.0) ** 2
     alone = np.zeros((62, 62))
@@ -120,13 +125,13 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
     assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
 
 
-def test_many_dampers_that_differ_take_the_sum_over_poles():
+def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
     system = make_system(60, seed=4)
     damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
     assert solve_frf(dataclasses.replace(system, damping=damping), [10.0], inputs=PORTS, outputs=PORTS).method == "poles"
 
 
-def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles():
+def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles() -> None:
     system = few_dampers()["dashpots"]
     model = prepare_frf(system, inputs=PORTS[:1], outputs=PORTS)
     expected = solve_damped(system).poles
@@ -138,9 +143,9 @@ def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles():
 
 
 @pytest.mark.parametrize("name", list(cases()))
-def test_every_sum_equals_a_direct_solve_per_frequency(name):
+def test_every_sum_equals_a_direct_solve_per_frequency(name: str) -> None:
     system, method = cases()[name]
-    frequencies = np.linspace(3.0, 2000.0, 150)
+    frequencies = np.linspace(3.0, 2000.0, 150, dtype=np.float64)
     model = prepare_frf(system, inputs=PORTS, outputs=PORTS)
     found = evaluate_frf(model, frequencies)
     expected = model.direct.evaluate(2.0 * np.pi * frequencies)
@@ -150,7 +155,7 @@ def test_every_sum_equals_a_direct_solve_per_frequency(name):
 
 
 @pytest.mark.parametrize(("zeta", "eta"), [(0.0, 0.0), (0.02, 0.0), (0.0, 0.05), (0.01, 0.03), (0.7, 0.0), (3.0, 0.0)])
-def test_one_mass_answers_as_the_textbook_says(zeta, eta):
+def test_one_mass_answers_as_the_textbook_says(zeta: float, eta: float) -> None:
     system = make_oscillator(zeta=zeta, eta=eta)
     ratio = np.array([0.1, 0.5, 0.99, 1.01, 2.0, 10.0, 1e4])
     found = solve_frf(system, 80.0 * ratio, inputs=[("a", "x")], outputs=[("a", "x")]).receptance[:, 0, 0]
@@ -158,7 +163,7 @@ def test_one_mass_answers_as_the_textbook_says(zeta, eta):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised():
+def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised() -> None:
     bare = make_system(4)
     skew = np.zeros((4, 4))
     skew[0, 1], skew[1, 0] = 3e5, -3e5
@@ -170,19 +175,19 @@ def test_an_unsymmetric_stiffness_takes_the_direct_road_and_is_not_symmetrised()
         np.testing.assert_allclose(found.receptance[index], np.linalg.inv(dynamic)[:2, :2], rtol=1e-10)
 
 
-def test_critical_damping_falls_back_to_direct_solves_or_stays_right():
+def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
     bare = make_system(2, seed=5)
     mass, stiffness = np.eye(2), np.diag([1e4, 1e4])
     damping = np.array([[200.0, 50.0], [50.0, 200.0]])
     system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
-    frequencies = np.linspace(1.0, 60.0, 30)
+    frequencies = np.linspace(1.0, 60.0, 30, dtype=np.float64)
     found = solve_frf(system, frequencies, inputs=PORTS, outputs=PORTS).receptance
     for hz, value in zip(frequencies, found, strict=True):
         omega = 2.0 * np.pi * hz
         np.testing.assert_allclose(value, np.linalg.inv(stiffness - omega**2 * mass + 1j * omega * damping), rtol=1e-8)
 
 
-def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road():
+def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road() -> None:
     mass, stiffness = np.diag([2.0, 0.0]), np.array([[3e4, -1e4], [-1e4, 1e4]])
     bare = dataclasses.replace(make_system(2), mass=mass, stiffness=stiffness)
     undamped = solve_frf(bare, np.array([0.0, 7.0]), inputs=PORTS, outputs=PORTS)
@@ -195,7 +200,7 @@ def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road():
     np.testing.assert_allclose(damped.receptance[0], np.linalg.inv(dynamic), rtol=1e-12)
 
 
-def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_one_load():
+def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_one_load() -> None:
     masses, spring = np.array([2.0, 6.0]), 5e6
     stiffness = spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
     ports = {("a", "x"): np.array([1.0, 0.0]), ("gap", "x"): np.array([1.0, -1.0])}
@@ -211,7 +216,7 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
     assert found.receptance[1, 0, 0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero():
+def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
     port = {("a", "x"): np.ones(1)}
     system = SecondOrderSystem(np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), port, port, ("q",))
     found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(port), outputs=list(port))
@@ -220,7 +225,7 @@ def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero():
     assert found.receptance[1, 0, 0] == pytest.approx(1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12)
 
 
-def test_mobility_and_accelerance_are_derivatives():
+def test_mobility_and_accelerance_are_derivatives() -> None:
     frequencies = np.array([10.0, 300.0])
     found = solve_frf(make_oscillator(zeta=0.02), frequencies, inputs=[("a", "x")], outputs=[("a", "x")])
     rate = 2j * np.pi * frequencies
@@ -229,23 +234,25 @@ def test_mobility_and_accelerance_are_derivatives():
         np.testing.assert_allclose(values[:, 0, 0], found.receptance[:, 0, 0] * rate**power, rtol=1e-14)
 
 
-def test_structural_damping_as_viscous_damping_gives_each_mode_half_its_loss_factor():
+def test_structural_damping_as_viscous_damping_gives_each_mode_half_its_loss_factor() -> None:
     bare = make_system()
     viscous = equivalent_viscous(dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness))
     modal = add_modal_damping(bare, [0.02])
-    np.testing.assert_allclose(viscous.damping, modal.damping, rtol=1e-8, atol=1e-9 * np.abs(modal.damping).max())
+    np.testing.assert_allclose(
+        present(viscous.damping), present(modal.damping), rtol=1e-8, atol=1e-9 * np.abs(present(modal.damping)).max()
+    )
     assert viscous.hysteretic is None
 
 
-def test_equivalent_viscous_damping_takes_energy_out_of_every_motion():
+def test_equivalent_viscous_damping_takes_energy_out_of_every_motion() -> None:
     bare = make_system()
-    damping = equivalent_viscous(dataclasses.replace(bare, hysteretic=losses(bare))).damping
+    damping = present(equivalent_viscous(dataclasses.replace(bare, hysteretic=losses(bare))).damping)
     assert np.linalg.eigvalsh(damping).min() > -1e-9 * np.abs(damping).max()
 
 
-def test_the_grid_holds_the_even_points_and_the_top_of_every_peak():
+def test_the_grid_holds_the_even_points_and_the_top_of_every_peak() -> None:
     model = prepare_frf(add_modal_damping(make_system(), [1e-4]), inputs=PORTS, outputs=PORTS)
-    base = np.linspace(0.0, 1000.0, 101)
+    base = np.linspace(0.0, 1000.0, 101, dtype=np.float64)
     poles = model.form.poles()
     grid = refine_grid(base, poles)
     assert np.isin(base, grid).all() and (np.diff(grid) > 0.0).all()
@@ -254,11 +261,11 @@ def test_the_grid_holds_the_even_points_and_the_top_of_every_peak():
     assert len(grid) < 101 + 60 * len(inside)
 
 
-def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass():
+def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -> None:
     zeta = 0.03
     system = make_oscillator(zeta=zeta)
     model = prepare_frf(system, inputs=[("a", "x")], outputs=[("a", "x")])
-    response = evaluate_frf(model, refine_grid(np.linspace(0.0, 200.0, 51), model.form.poles()))
+    response = evaluate_frf(model, refine_grid(np.linspace(0.0, 200.0, 51, dtype=np.float64), model.form.poles()))
     (figures,) = find_stability_figures(model, response)
     stiffness = system.stiffness[0, 0]
     assert figures.worst_real == pytest.approx(-1.0 / (4.0 * zeta * (1.0 + zeta) * stiffness), rel=1e-9)
@@ -269,24 +276,26 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass():
 
 
 @pytest.mark.parametrize("hz", [np.nan, np.inf])
-def test_a_frequency_that_is_no_number_is_refused(hz):
+def test_a_frequency_that_is_no_number_is_refused(hz: float) -> None:
     with pytest.raises(ModelError, match="not finite"):
         solve_frf(make_system(), np.array([1.0, hz]), inputs=PORTS, outputs=PORTS)
 
 
-def test_an_unknown_port_is_refused_with_the_known_ones():
+def test_an_unknown_port_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ModelError, match=r"no input 'c x'.*\['a', 'b'\]"):
         solve_frf(make_system(), np.array([1.0]), inputs=[("c", "x")], outputs=PORTS)
 
 
 @pytest.mark.parametrize("ratios", [[], [-0.01], [np.nan]])
-def test_modal_damping_needs_ratios_that_take_energy_out(ratios):
+def test_modal_damping_needs_ratios_that_take_energy_out(ratios: list[float]) -> None:
     with pytest.raises(ModelError, match="modal damping"):
         add_modal_damping(make_system(), ratios)
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.0, 1e2, 1e3, 1e4])
-def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_small_eigenproblem(strength, monkeypatch):
+def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_small_eigenproblem(
+    strength: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     random = np.random.default_rng(5)
     size, kept = 240, 25
     springs = 1e6 * random.uniform(0.5, 2.0, size + 1)
@@ -301,7 +310,7 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_one_s
     solved: list[int] = []
     whole = damped_modes.state_eigenpairs
 
-    def counted(squares, viscous):
+    def counted(squares: FloatArray, viscous: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         solved.append(len(viscous))
         return whole(squares, viscous)
 

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
 
 
-def system_of(mass, stiffness):
+def system_of(mass: FloatArray, stiffness: FloatArray) -> SecondOrderSystem:
     return SecondOrderSystem(mass, None, stiffness, {}, {}, tuple(f"q{i}" for i in range(len(mass))))
 
 
-def chain(count, *, free=False, stiffness=1.0e6, mass=2.0):
+def chain(count: int, *, free: bool = False, stiffness: float = 1.0e6, mass: float = 2.0) -> tuple[SecondOrderSystem, FloatArray]:
     """Equal masses in a row on equal springs, both ends held or both free."""
     matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     if free:
@@ -23,7 +24,7 @@ def chain(count, *, free=False, stiffness=1.0e6, mass=2.0):
     return system_of(mass * np.eye(count), stiffness * matrix), 2.0 * np.sqrt(stiffness / mass) * np.sin(angles) / (2.0 * np.pi)
 
 
-def random_system(size, seed=0, condition=1.0):
+def random_system(size: int, seed: int = 0, condition: float = 1.0) -> SecondOrderSystem:
     generator = np.random.default_rng(seed)
     factors = [generator.normal(size=(size, size)) for _ in range(2)]
     scales = np.logspace(0.0, 0.5 * np.log10(condition), size)
@@ -32,7 +33,7 @@ def random_system(size, seed=0, condition=1.0):
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 60])
-def test_a_held_chain_has_its_closed_form_frequencies(count):
+def test_a_held_chain_has_its_closed_form_frequencies(count: int) -> None:
     system, expected = chain(count)
     modal = solve_modal(system)
     np.testing.assert_allclose(modal.frequencies_hz, expected, rtol=1e-11)
@@ -40,7 +41,7 @@ def test_a_held_chain_has_its_closed_form_frequencies(count):
 
 
 @pytest.mark.parametrize("count", [2, 7, 60])
-def test_a_free_chain_has_one_rigid_mode_and_its_closed_form_frequencies(count):
+def test_a_free_chain_has_one_rigid_mode_and_its_closed_form_frequencies(count: int) -> None:
     system, expected = chain(count, free=True)
     modal = solve_modal(system)
     assert modal.rigid_count == 1
@@ -52,7 +53,7 @@ def test_a_free_chain_has_one_rigid_mode_and_its_closed_form_frequencies(count):
 @pytest.mark.parametrize(
     "system", [random_system(20), random_system(20, condition=1e6), chain(9, free=True)[0]], ids=["like", "spread", "free"]
 )
-def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(system):
+def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(system: SecondOrderSystem) -> None:
     modal = solve_modal(system)
     squares = (2.0 * np.pi * modal.frequencies_hz) ** 2
     np.testing.assert_allclose(modal.shapes.T @ system.mass @ modal.shapes, np.eye(len(squares)), atol=1e-9)
@@ -61,7 +62,7 @@ def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(system):
     assert modal.residuals.max() < 1e-10
 
 
-def test_repeated_frequencies_keep_their_multiplicity():
+def test_repeated_frequencies_keep_their_multiplicity() -> None:
     generator = np.random.default_rng(3)
     basis = np.linalg.qr(generator.normal(size=(12, 12)))[0]
     squares = np.array([1.0] * 5 + [4.0] * 3 + [9.0, 9.0, 16.0, 25.0]) * 1e6
@@ -74,7 +75,7 @@ def test_repeated_frequencies_keep_their_multiplicity():
     assert angles.max() < 1e-6
 
 
-def test_count_and_upper_frequency_cut_the_list_and_change_no_value():
+def test_count_and_upper_frequency_cut_the_list_and_change_no_value() -> None:
     system, expected = chain(20)
     everything = solve_modal(system).frequencies_hz
     np.testing.assert_allclose(solve_modal(system, count=4).frequencies_hz, everything[:4], rtol=1e-13)
@@ -86,7 +87,7 @@ def test_count_and_upper_frequency_cut_the_list_and_change_no_value():
         solve_modal(system, count=0)
 
 
-def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_are_those():
+def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_are_those() -> None:
     squares = np.logspace(0, 14, 15)
     coupling = np.eye(15) + 0.05 * (np.eye(15, k=1) + np.eye(15, k=-1))
     scales = np.sqrt(squares)
@@ -98,7 +99,7 @@ def test_low_frequencies_are_exact_beside_high_ones_fourteen_decades_up_and_so_a
         np.testing.assert_allclose(solve_modal(system, up_to_hz=limit).frequencies_hz, exact[:count], rtol=1e-8)
 
 
-def _exact_eigenvalues(matrix):
+def _exact_eigenvalues(matrix: FloatArray) -> FloatArray:
     """Eigenvalues by Jacobi rotations, which keep the relative accuracy of graded matrices (Demmel and Veselic 1992)."""
     matrix = matrix.astype(np.longdouble)
     size = len(matrix)
@@ -118,14 +119,14 @@ def _exact_eigenvalues(matrix):
 
 
 @pytest.mark.parametrize("what", ["mass", "stiffness"])
-def test_an_unsymmetric_matrix_is_refused_and_not_symmetrised(what):
+def test_an_unsymmetric_matrix_is_refused_and_not_symmetrised(what: str) -> None:
     matrices = {"mass": np.eye(4), "stiffness": 1e6 * np.eye(4)}
     matrices[what][0, 1] = 1e-9 * matrices[what][0, 0]
     with pytest.raises(ModelError, match=f"the {what} matrix is not symmetric"):
         solve_modal(system_of(**matrices))
 
 
-def test_answers_repeat_bitwise():
+def test_answers_repeat_bitwise() -> None:
     system = random_system(30, seed=4)
     first, second = solve_modal(system), solve_modal(system)
     np.testing.assert_array_equal(first.frequencies_hz, second.frequencies_hz)

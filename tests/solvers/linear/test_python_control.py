@@ -28,7 +28,7 @@ def plant_and_controller():
     return system, train, motor, pi * lag
 
 
-def test_poles_are_those_of_python_controls_feedback():
+def test_poles_are_those_of_python_controls_feedback() -> None:
     system, train, motor, inner = plant_and_controller()
     loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
     theirs = control.feedback(loop, 1.0).poles()
@@ -38,7 +38,7 @@ def test_poles_are_those_of_python_controls_feedback():
         assert np.abs(theirs - pole).min() < 1e-5 * abs(pole)
 
 
-def test_margins_are_those_of_python_control():
+def test_margins_are_those_of_python_control() -> None:
     system, train, motor, inner = plant_and_controller()
     loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
     gain, phase, _, gain_at, phase_at, _ = control.stability_margins(loop)
@@ -51,7 +51,7 @@ def test_margins_are_those_of_python_control():
     assert gain_at > 0.0
 
 
-def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_once():
+def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_once() -> None:
     system, train = make_drive(TwoMasses(), GAINS)
     held = dataclasses.replace(
         system,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear import sparse_systems
 from headstock.solvers.linear.sparse_systems import factorise_sparse, find_sparse, lowest_sparse_modes
 from headstock.solvers.linear.static_response import solve_static
@@ -18,7 +19,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sparse_systems, "SMALLEST", 100)
 
 
-def chains(count: int = 1, *, held: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def chains(count: int = 1, *, held: bool = True) -> tuple[FloatArray, FloatArray]:
     """Stiffness and mass of equal rows of masses on springs: every eigenvalue as often as there are rows."""
     size = SIZE // count
     stiffness = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
@@ -43,7 +44,7 @@ def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(monkeypatch: py
     stiffness, mass = chains()
     whole = sparse_systems.eigsh
 
-    def forgetful(matrix: object, count: int, *args: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+    def forgetful(matrix: object, count: int, *args: object, **options: object) -> tuple[FloatArray, FloatArray]:
         squares, shapes = whole(matrix, count + 1, *args, **options)
         order = np.argsort(squares)
         return np.delete(squares[order], 2), np.delete(shapes[:, order], 2, axis=1)

@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 import scipy.io
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.exports import encode_mat
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
-from headstock.solvers.linear.state_space import to_control, to_state_space
+from headstock.solvers.linear.state_space import StateSpace, to_control, to_state_space
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 
 BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 
 
-def beam_space(zeta):
+def beam_space(zeta: float) -> StateSpace:
     return to_state_space(add_modal_damping(cantilever_system(BEAM, 4), [zeta]), inputs=[TIP], outputs=[TIP])
 
 
-def test_matlab_reads_the_same_matrices_and_names():
+def test_matlab_reads_the_same_matrices_and_names() -> None:
     space = beam_space(0.02)
     read = scipy.io.loadmat(io.BytesIO(encode_mat(space)), simplify_cells=True)
     for name in "abcd":
@@ -31,10 +32,10 @@ def test_matlab_reads_the_same_matrices_and_names():
     assert read["inputs"] == "tip x" and read["states"][1] == "mode 1 velocity"
 
 
-def test_python_control_gets_matrices_and_names(monkeypatch):
+def test_python_control_gets_matrices_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
     kept = {}
 
-    def state_space(*matrices, **names):
+    def state_space(*matrices: FloatArray, **names: list[str]) -> None:
         kept["matrices"], kept["names"] = matrices, names
 
     monkeypatch.setitem(sys.modules, "control", types.SimpleNamespace(StateSpace=state_space))
@@ -44,7 +45,7 @@ def test_python_control_gets_matrices_and_names(monkeypatch):
     assert kept["names"]["inputs"] == ["tip x"]
 
 
-def test_without_python_control_it_is_said_what_to_do(monkeypatch):
+def test_without_python_control_it_is_said_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ModelError, match="pip install control"):
         to_control(beam_space(0.02))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
@@ -16,7 +17,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 PORTS = (("a", "x"), ("b", "x"))
 
 
-def make_system(size=5, seed=0):
+def make_system(size: int = 5, seed: int = 0) -> SecondOrderSystem:
     random = np.random.default_rng(seed)
     factor = random.standard_normal((size, size))
     rows = {port: np.eye(size)[i] for i, port in enumerate(PORTS)}
@@ -24,12 +25,12 @@ def make_system(size=5, seed=0):
     return SecondOrderSystem(np.diag(random.uniform(0.5, 2.0, size)), None, stiffness, rows, rows, ("q",) * size)
 
 
-def dashpots(size=5, strength=20.0):
+def dashpots(size: int = 5, strength: float = 20.0) -> FloatArray:
     lines = np.random.default_rng(1).standard_normal((size, 2))
     return strength * lines @ lines.T
 
 
-def unsymmetric(bare):
+def unsymmetric(bare: SecondOrderSystem) -> SecondOrderSystem:
     skew = np.zeros_like(bare.stiffness)
     skew[0, 1] = 500.0
     return dataclasses.replace(bare, stiffness=bare.stiffness + skew, damping=np.eye(len(skew)) * 5.0)
@@ -46,7 +47,7 @@ SYSTEMS = {
 
 @pytest.mark.parametrize("name", list(SYSTEMS))
 @pytest.mark.parametrize("step", [1e-3, 0.02])
-def test_every_step_agrees_with_radau(name, step):
+def test_every_step_agrees_with_radau(name: str, step: float) -> None:
     system = SYSTEMS[name]
     times = step * np.arange(6)
     loads = np.column_stack([np.sin(40.0 * times), np.where(times > 2.5 * step, 1.0, 0.3)])
@@ -63,7 +64,7 @@ def test_every_step_agrees_with_radau(name, step):
 
 
 @pytest.mark.parametrize("name", list(SYSTEMS))
-def test_the_state_space_has_the_frequency_response_of_the_system(name):
+def test_the_state_space_has_the_frequency_response_of_the_system(name: str) -> None:
     frequencies = np.array([0.3, 7.0, 40.0, 200.0])
     expected = solve_frf(SYSTEMS[name], frequencies, inputs=PORTS, outputs=PORTS).receptance
     space = to_state_space(SYSTEMS[name], inputs=PORTS, outputs=PORTS)
@@ -72,21 +73,21 @@ def test_the_state_space_has_the_frequency_response_of_the_system(name):
     assert len(space.states) == len(space.a) == 10
 
 
-def test_modes_left_out_of_a_state_space_stay_in_it_statically():
+def test_modes_left_out_of_a_state_space_stay_in_it_statically() -> None:
     space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS, up_to_hz=30.0)
     assert 2 <= len(space.a) < 10 and space.d.any()
     static = np.linalg.inv(SYSTEMS["modal"].stiffness)[:2, :2]
     np.testing.assert_allclose(space.d - space.c @ np.linalg.solve(space.a, space.b), static, rtol=1e-9)
 
 
-def test_structural_damping_decays_like_the_viscous_one_of_equal_loss():
+def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
     bare = make_system()
     lossy = to_state_space(dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness), inputs=PORTS, outputs=PORTS)
     viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=PORTS, outputs=PORTS)
     np.testing.assert_allclose(lossy.a, viscous.a, atol=1e-8 * np.abs(viscous.a).max())
 
 
-def test_a_free_mass_falls_as_galileo_says():
+def test_a_free_mass_falls_as_galileo_says() -> None:
     port = {("a", "x"): np.ones(1)}
     space = to_state_space(
         SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)), inputs=list(port), outputs=list(port)
@@ -96,7 +97,7 @@ def test_a_free_mass_falls_as_galileo_says():
     np.testing.assert_allclose(found.outputs[:, 0], 1.5 * times**2, rtol=1e-12, atol=1e-14)
 
 
-def test_a_stretch_goes_on_from_the_final_state_of_the_one_before():
+def test_a_stretch_goes_on_from_the_final_state_of_the_one_before() -> None:
     space = to_state_space(SYSTEMS["coupled"], inputs=PORTS, outputs=PORTS)
     loads = np.random.default_rng(4).standard_normal((40, 2))
     whole = solve_time_response(space, loads, 0.01)
@@ -106,7 +107,7 @@ def test_a_stretch_goes_on_from_the_final_state_of_the_one_before():
 
 
 @pytest.mark.parametrize(("step", "load"), [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, np.inf)])
-def test_senseless_steps_and_loads_are_refused(step, load):
+def test_senseless_steps_and_loads_are_refused(step: float, load: float) -> None:
     space = to_state_space(SYSTEMS["modal"], inputs=PORTS, outputs=PORTS)
     with pytest.raises(ModelError):
         solve_time_response(space, np.full((3, 2), load), step)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from headstock.geometry.errors import JointLimitError, UnreachablePoseError
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.kinematics import place_marks
 from headstock.solvers.errors import ConvergenceError, ModelError
@@ -38,11 +39,11 @@ def machine() -> Tripteor:
 @cache
 def path_drive() -> tuple[SmoothPath, PathDrive]:
     path, _ = square_path(CONTOUR)
-    nodes = np.linspace(0.0, 0.4, 101)
+    nodes = np.linspace(0.0, 0.4, 101, dtype=np.float64)
     return path, follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
 
 
-def moving(count: int, damping: float) -> tuple[LinearMotion, np.ndarray]:
+def moving(count: int, damping: float) -> tuple[LinearMotion, FloatArray]:
     times = STEP * np.arange(count)
     motion = linear_motion(machine().model, path_drive()[1], times, np.array([damping]))
     force = 300.0 * np.stack([np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1)
@@ -52,7 +53,7 @@ def moving(count: int, damping: float) -> tuple[LinearMotion, np.ndarray]:
 def test_drives_lead_the_tool_along_the_path() -> None:
     path, drive = path_drive()
     mechanism = machine().model.mechanism
-    times = np.linspace(0.003, 0.39, 57)
+    times = np.linspace(0.003, 0.39, 57, dtype=np.float64)
     points = path.at(times)
     gaps = tool_gaps(machine().model, drive, times, np.zeros((len(times), 6)))
     assert np.abs(gaps).max() == 0.0
@@ -129,7 +130,7 @@ def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> Non
 def test_a_path_out_of_reach_is_refused_at_its_time() -> None:
     far = replace(CONTOUR, center=(0.9, 0.0))
     path, _ = square_path(far)
-    nodes = np.linspace(0.0, 0.4, 101)
+    nodes = np.linspace(0.0, 0.4, 101, dtype=np.float64)
     with pytest.raises((JointLimitError, UnreachablePoseError), match=r"t = 0 s"):
         follow_path(machine().scene.mounted, nodes, path.at(nodes), machine().scene.tool)
 

@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -18,7 +19,7 @@ CUT = MillingCut(EndMill(0.02, 4, np.radians(30.0)), COEFFICIENTS, 13000.0 * 2.0
 FEED = 5.0 / 60.0
 
 
-def one_turn(cut: MillingCut, count: int) -> tuple[np.ndarray, np.ndarray]:
+def one_turn(cut: MillingCut, count: int) -> tuple[FloatArray, FloatArray]:
     times = np.arange(count) * cut.tooth_period * cut.mill.teeth / count
     return times, np.full(count, FEED)
 

@@ -8,7 +8,7 @@ CONTOUR = SquareContour(side=0.2, center=(0.05, -0.02), height=0.2, offset=0.01,
 
 def test_speeds_and_accelerations_are_derivatives_of_the_path() -> None:
     path, _ = square_path(CONTOUR)
-    times, h = np.linspace(0.1, 10.5, 400), 1e-5
+    times, h = np.linspace(0.1, 10.5, 400, dtype=np.float64), 1e-5
     ahead, behind, here = path.at(times + h), path.at(times - h), path.at(times)
     assert np.abs((ahead.position - behind.position) / (2 * h) - here.velocity).max() < 3e-7
     assert np.abs((ahead.velocity - behind.velocity) / (2 * h) - here.acceleration).max() < 1e-3
@@ -23,7 +23,7 @@ def test_positions_carry_no_roundoff_of_their_antiderivatives() -> None:
 
 def test_jerk_is_limited_everywhere() -> None:
     path, _ = square_path(CONTOUR)
-    times = np.linspace(*path.span, 100_001)
+    times = np.linspace(*path.span, 100_001, dtype=np.float64)
     jerk = np.diff(path.at(times).acceleration, axis=0) / (times[1] - times[0])
     # the start from rest: a step of the speed through three averages
     assert np.abs(jerk).max() < 1.01 * CONTOUR.feed / CONTOUR.window**2

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import present
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.friction_loop import friction_ports
@@ -21,13 +22,13 @@ MOVE = plan_move(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
 SAMPLES = 4e-4 * np.arange(3500)
 
 
-def path_with(control=CONTROL, masses=MASSES, law=None):
+def path_with(control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None) -> ControlledPath:
     system, train = make_drive(masses, control, law)
     loop = close_loops(system, [train], inputs=friction_ports((train,)), outputs=[LOAD])
     return ControlledPath(loop, {"X": 1.0}, np.ones(1), slow_hz=5.0)
 
 
-def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up():
+def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -> None:
     found = solve_controlled_path(path_with(), MOVE, SAMPLES)
     steady = (SAMPLES > 0.8) & (SAMPLES < 0.98)
     np.testing.assert_allclose(found.total[steady], -0.05 / 40.0, rtol=1e-6)
@@ -36,13 +37,13 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up():
     assert np.abs(found.total[-1]).max() < 1e-7
 
 
-def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much():
+def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -> None:
     slow, fast = (plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0))
     first, second = (solve_controlled_path(path_with(), move, SAMPLES).total for move in (slow, fast))
     np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
 
 
-def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one():
+def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one() -> None:
     heavy = dataclasses.replace(MASSES, motor=1e8)
     control = AxisControl(300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load)
     found = solve_controlled_path(path_with(control, heavy), MOVE, SAMPLES)
@@ -54,7 +55,7 @@ def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_held_one():
     np.testing.assert_allclose(found.total, expected.total, atol=2e-5 * np.abs(expected.total).max())
 
 
-def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation():
+def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation() -> None:
     short = plan_move(0.01, 0.05, Ramp("linear", 0.1))
     samples = SAMPLES[:600:10]
     exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
@@ -63,9 +64,9 @@ def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation():
     assert motion.energy.error < 1e-6
 
 
-def test_a_machine_that_floats_is_refused():
+def test_a_machine_that_floats_is_refused() -> None:
     system, train = make_drive(MASSES, CONTROL)
-    wide = [np.pad(matrix, ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness, system.damping)]
+    wide = [np.pad(present(matrix), ((0, 1), (0, 1))) for matrix in (system.mass, system.stiffness, system.damping)]
     wide[0][2, 2] = 10.0
     ports = {port: np.append(row, 0.0) for port, row in system.outputs.items()}
     loads = {port: np.append(row, 0.0) for port, row in system.inputs.items()}

@@ -12,7 +12,7 @@ RAMPS = [Ramp("linear", 0.1), Ramp("s_curve", 0.1, 0.03), Ramp("s_curve", 0.1, 0
 @pytest.mark.parametrize("ramp", RAMPS, ids=lambda ramp: f"{ramp.kind}-{ramp.jerk_time:g}")
 def test_speed_and_acceleration_are_the_derivatives_of_the_position(ramp: Ramp) -> None:
     move = plan_move(0.08, 0.05, ramp)
-    times = np.linspace(-0.1, move.duration + 1.0, 40_001)
+    times = np.linspace(-0.1, move.duration + 1.0, 40_001, dtype=np.float64)
     motion = sample_move(move, times)
     assert motion.positions[0] == 0.0
     rest = np.exp(-(times[-1] - move.braking) / 0.1) if ramp.kind == "exponential" else 1e-14
@@ -35,7 +35,7 @@ def test_linear_ramps_are_those_of_the_seed() -> None:
 
 def test_the_jerk_of_an_s_curve_is_limited() -> None:
     move = plan_move(0.08, 0.05, Ramp("s_curve", 0.1, 0.03))
-    times = np.linspace(0.0, move.duration, 5001)
+    times = np.linspace(0.0, move.duration, 5001, dtype=np.float64)
     jerk = np.gradient(sample_move(move, times).accelerations, times)
     assert np.abs(jerk).max() == pytest.approx(0.5 / 0.03, rel=1e-9)
 

@@ -18,8 +18,10 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import file_digests
 from headstock.pipeline.storage.outputs import OutputError
+from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily, count_points, describe_point, expand_study
 from headstock.solvers.errors import CompileError
 from headstock.studies.parameters.records import POINTS_FILE, append_record, open_records, read_records
@@ -49,7 +51,7 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def make_job(path: Path, name: str = "grid", **changes) -> StudyJob:
+def make_job(path: Path, name: str = "grid", **changes: Study | bool) -> StudyJob:
     scene = load_scene(path)
     job = StudyJob(path, scene.studies[name], scene.raw, hash_scene(path))
     return dataclasses.replace(job, **changes)
@@ -113,7 +115,7 @@ def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_
     undisturbed, _ = compute(make_job(scene_file), tmp_path / "alone")
     calls = iter(range(100))
 
-    def run(*arguments, **settings) -> Results:
+    def run(*arguments: Path | Scene, **settings: MPI.Comm | Store) -> Results:
         if next(calls) == 2:
             raise fault from OSError(errno.ENOSPC, "No space left on device")
         return run_scene(*arguments, **settings)
@@ -155,7 +157,9 @@ def test_measured_forces_are_among_the_files_results_depend_on(tmp_path: Path) -
     assert dict(file_digests(tmp_path, {"analyses": {"contouring": False}})) == {}
 
 
-def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(scene_file: Path, tmp_path: Path, monkeypatch) -> None:
+def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     elastic = {"components.column.fidelity": "elastic", "components.column.mesh.cells": "hex", "components.column.mesh.order": 1}
     study = Study(

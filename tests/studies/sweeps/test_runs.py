@@ -10,6 +10,8 @@ from mpi4py import MPI
 
 import headstock.studies.sweeps.runs
 from faults.small_disks import limited_room
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.scene.building.loader import load_scene
@@ -17,7 +19,7 @@ from headstock.scene.studies import describe_positions
 from headstock.solvers.errors import ModelError
 from headstock.studies.sweeps.files import SWEEP_FILE, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, PoseResult, decode_result, encode_result, open_journal, read_journals
-from headstock.studies.sweeps.machine_poses import solve_machine_pose
+from headstock.studies.sweeps.machine_poses import MachinePoses, solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
 
@@ -25,7 +27,7 @@ SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 COMM = MPI.COMM_SELF
 
 
-def make_job(folder: Path, name: str = "line", overrides: tuple[str, ...] = (), **changes) -> SweepJob:
+def make_job(folder: Path, name: str = "line", overrides: tuple[str, ...] = (), **changes: Part) -> SweepJob:
     folder.mkdir(exist_ok=True)
     scene = load_scene(SCENE, overrides=overrides)
     return dataclasses.replace(SweepJob(select_analyses(scene), scene.sweeps[name], folder), **changes)
@@ -39,7 +41,7 @@ def publish(job: SweepJob) -> tuple[SweepOutcome, SweepResults]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> bytes:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("whole")
     publish(make_job(folder))
     return (folder / SWEEP_FILE).read_bytes()
@@ -151,7 +153,7 @@ def test_a_finer_grid_takes_the_poses_it_shares_with_the_coarse_one(tmp_path: Pa
 
 
 def test_a_pose_that_fails_is_named_and_the_others_are_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail_in_one(shared, pose, positions) -> PoseResult:
+    def fail_in_one(shared: MachinePoses, pose: Pose, positions: FloatArray) -> PoseResult:
         if pose.positions["X"] == 0.0:
             return PoseResult(positions, "failed", f"coupling: {ModelError('the machine fell apart')}")
         return solve_machine_pose(shared, pose, positions)

@@ -25,7 +25,7 @@ from headstock.studies.sweeps.slurm_jobs import (
 )
 from headstock.studies.sweeps.slurm_tools import SlurmError, TaskState
 
-SWEEP = make_grid("line", {"X": "m"}, {"X": np.linspace(-0.2, 0.2, 9)})
+SWEEP = make_grid("line", {"X": "m"}, {"X": np.linspace(-0.2, 0.2, 9, dtype=np.float64)})
 SUBMISSION = Submission("key", "17", "16", 3, (1, 2, 3))
 SCRIPT = """\
 #!/bin/sh

@@ -1,6 +1,7 @@
 """The suite that says how often ± covers the truth."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,26 +9,27 @@ import pytest
 from headstock.validation.coverage import cases
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, PartCoverage, measure_part
 from headstock.validation.coverage.parts import KINDS, draw_part
+from headstock.validation.references.rows import ValidationRow
 
 
-def made_up(seed, errors, estimates, lines):
+def made_up(seed: int, errors: list[float], estimates: list[float], lines: list[float]) -> PartCoverage:
     count = len(errors)
     return PartCoverage(
         seed, "block", np.zeros(count), np.array(errors), np.array(estimates), np.full(count, 1e-6), np.array(lines)
     )
 
 
-def judged(parts):
+def judged(parts: list[PartCoverage]) -> dict[str, ValidationRow]:
     return {row.quantity.split(": ")[1]: row for row in cases._judge("coverage", "some", parts)}
 
 
-def test_every_kind_of_part_is_in_both_halves_which_share_none():
+def test_every_kind_of_part_is_in_both_halves_which_share_none() -> None:
     assert not set(CALIBRATION) & set(HOLD_OUT)
     for half in (CALIBRATION, HOLD_OUT):
         assert {seed % len(KINDS) for seed in half} == set(range(len(KINDS)))
 
 
-def test_a_seed_draws_the_same_part_again(tmp_path):
+def test_a_seed_draws_the_same_part_again(tmp_path: Path) -> None:
     one, other = (draw_part(20, tmp_path) for _ in range(2))
     parts = [drawn.machine.components["part"] for drawn in (one, other)]
     assert parts[0].solid == parts[1].solid
@@ -35,7 +37,7 @@ def test_a_seed_draws_the_same_part_again(tmp_path):
     assert one.meshes == other.meshes
 
 
-def test_coverage_counts_numbers_parts_and_lines():
+def test_coverage_counts_numbers_parts_and_lines() -> None:
     good = made_up(0, [1e-2] * 20, [2e-2] * 20, [1.0, 0.96])
     poor = made_up(1, [1e-2] * 10, [2e-2] * 8 + [5e-3, np.nan], [0.9, 0.2])
     rows = judged([good, poor])
@@ -48,7 +50,7 @@ def test_coverage_counts_numbers_parts_and_lines():
     assert not rows["share of frequency responses without 95 % of their lines covered"].passed
 
 
-def test_a_part_is_covered_on_its_meshes(tmp_path):
+def test_a_part_is_covered_on_its_meshes(tmp_path: Path) -> None:
     part = draw_part(27, tmp_path)
     found = measure_part(dataclasses.replace(part, meshes=part.meshes[:1]))
     assert found.failure == ""

@@ -1,6 +1,6 @@
 import pytest
 
-from headstock.validation.ladder.references import ladder_beam
+from headstock.validation.ladder.references import LadderBeam, ladder_beam
 from headstock.validation.references.values import reference_case
 
 CANTILEVER, FIXED = ladder_beam("kono-cantilever"), ladder_beam("kono-fixed-beam")
@@ -24,7 +24,7 @@ def test_analytic_values_are_those_of_the_tables() -> None:
 
 
 @pytest.mark.parametrize("beam", [CANTILEVER, FIXED], ids=lambda beam: beam.name)
-def test_where_the_analytic_value_is_more_than_a_per_cent_off_the_reason_is_given(beam) -> None:
+def test_where_the_analytic_value_is_more_than_a_per_cent_off_the_reason_is_given(beam: LadderBeam) -> None:
     assert beam.references
     for reference in beam.references.values():
         assert reference.solid > 0.0

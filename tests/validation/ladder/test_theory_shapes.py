@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
+from headstock.geometry.frames import FloatArray
+from headstock.validation.ladder.theory_shapes import PairedMode, find_theory_shapes, read_shape, section_motions
 from headstock.validation.references.bending import euler_bernoulli_shape
 from headstock.validation.references.torsion import wave_numbers
 
@@ -10,14 +11,14 @@ NAMES = ("X1", "Y1", "X2", "T1", "Y2", "X3")
 SHAPES = tuple(read_shape(name, 2) for name in NAMES)
 
 
-def beam_points(sections: int) -> np.ndarray:
+def beam_points(sections: int) -> FloatArray:
     """Corners of equally spaced sections of a beam along z."""
     places = SIDES[2] * (np.arange(sections) + 0.5) / sections
     corners = np.array([[x, y] for x in (-0.02, 0.02) for y in (-0.05, 0.05)])
     return np.array([[*corner, place] for place in places for corner in corners])
 
 
-def theory_field(name: str, points: np.ndarray, ends: str) -> np.ndarray:
+def theory_field(name: str, points: FloatArray, ends: str) -> FloatArray:
     """Displacement of points whose sections move as plane ones in a mode of theory."""
     shape, along = read_shape(name, 2), points[:, 2] / SIDES[2]
     field = np.zeros_like(points)
@@ -31,7 +32,7 @@ def theory_field(name: str, points: np.ndarray, ends: str) -> np.ndarray:
     return field
 
 
-def pair(points: np.ndarray, fields: np.ndarray, ends: str = "clamped-free"):
+def pair(points: FloatArray, fields: FloatArray, ends: str = "clamped-free") -> dict[str, PairedMode]:
     sections = section_motions(points, fields, axis=2, span=(0.0, SIDES[2]), sides=SIDES)
     return find_theory_shapes(sections, SHAPES, ends)
 
@@ -71,7 +72,7 @@ def test_a_stretching_mode_is_none_of_them() -> None:
 
 
 def test_the_shape_of_a_clamped_beam_meets_its_end_conditions_and_the_slope_is_its_derivative() -> None:
-    places = np.linspace(0.0, 1.0, 2001)
+    places = np.linspace(0.0, 1.0, 2001, dtype=np.float64)
     for ends in ("clamped-free", "clamped-clamped"):
         deflection, slope = euler_bernoulli_shape(ends, 3, places)
         assert abs(deflection[0]) < 1e-12

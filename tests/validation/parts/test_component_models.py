@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.geometry.frames import rigid_map
+from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.validation.parts.component_models import (
@@ -26,7 +26,7 @@ def mesh() -> ComponentMesh:
     return lattice_mesh(straight_lattice((1, 1, 4), (0.04, 0.06, 0.2)), "hex27", straight=True)
 
 
-def dense_frequencies(model: FullModel) -> np.ndarray:
+def dense_frequencies(model: FullModel) -> FloatArray:
     count = 3 * len(model.mesh.points)
     unit = model.owned(np.eye(count).reshape(-1, 3, count))
     stiffness = model.everywhere(model.operators.apply_stiffness(unit)).reshape(count, count)

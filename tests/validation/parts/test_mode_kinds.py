@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.validation.parts.beam_cases import beam_mode_kinds
 
 
-def bar_points() -> np.ndarray:
+def bar_points() -> FloatArray:
     rng = np.random.default_rng(3)
     return rng.uniform(-1.0, 1.0, (400, 3)) * [0.02, 0.05, 0.25]
 

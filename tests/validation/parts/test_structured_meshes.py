@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.validation.parts.structured_meshes import SIDES, lattice_cells, lattice_sides, refine_lattice, write_lattice
 
 
-def box_lattice(counts: tuple[int, int, int], size: tuple[float, float, float]) -> np.ndarray:
+def box_lattice(counts: tuple[int, int, int], size: tuple[float, float, float]) -> FloatArray:
     axes = [np.linspace(0.0, length, count + 1) for count, length in zip(counts, size, strict=True)]
     return refine_lattice(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
 

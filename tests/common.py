@@ -1,0 +1,112 @@
+"""What tests share: what has to be there, small structured meshes with tagged patches, their dense matrices."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, ReductionSettings
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
+from headstock.meshing.elements.surface import extract_surface
+from headstock.validation.parts.structured_meshes import integrate_over_cells, lattice_mesh, straight_lattice
+
+STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+Choice = str | Callable[[FloatArray], BoolArray]  # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
+
+
+def present[T](value: T | None) -> T:
+    """What a test relies on to be there."""
+    assert value is not None
+    return value
+
+
+def tag_patches(mesh: ComponentMesh, groups: Mapping[str, Choice]) -> ComponentMesh:
+    """Patch groups of a mesh: a side such as ``z+``, or a function from facet centres ``(n, 3)`` to the facets wanted."""
+    surface = extract_surface(mesh.cells, mesh.kind)
+    centers = mesh.points[surface.facets[:, : surface.corners]].mean(axis=1)
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+
+    def facets(group: Choice) -> IntArray:
+        if not isinstance(group, str):
+            return np.asarray(surface.facets[group(centers)])
+        axis = "xyz".index(group[0])
+        level = low[axis] if group[1] == "-" else high[axis]
+        return np.asarray(surface.facets[np.abs(centers[:, axis] - level) < 1e-9 * (high - low).max()])
+
+    return dataclasses.replace(mesh, patches={name: facets(group) for name, group in groups.items()})
+
+
+def make_box(
+    counts: Sequence[int],
+    size: Sequence[float],
+    groups: Mapping[str, Choice] | None = None,
+    *,
+    kind: CellKind = "hex27",
+    warp: Callable[[FloatArray], FloatArray] | None = None,
+    straight: bool = True,
+) -> ComponentMesh:
+    """A structured box from the origin, perhaps warped, with patch groups chosen before the warp."""
+    mesh = tag_patches(lattice_mesh(straight_lattice(counts, size), kind, straight=straight), groups or {})
+    if warp is None:
+        return mesh
+    points = warp(mesh.points)
+    volume = float(integrate_over_cells(points, mesh.cells, kind, lambda x: np.ones(len(x))))
+    return dataclasses.replace(mesh, points=points, quality=dataclasses.replace(mesh.quality, volume=volume))
+
+
+def make_component(
+    interfaces: Mapping[str, str] | None = None,
+    *,
+    modes: int = 0,
+    material: Material = STEEL,
+    name: str = "body",
+    size: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> Component:
+    """A component for a structured mesh; interfaces map names to ``rigid`` or ``average``, with ``!`` behind it where forced."""
+    made = {
+        label: Interface(
+            label, (Patch("z+"),), "average" if coupling.startswith("average") else "rigid", force=coupling.endswith("!")
+        )
+        for label, coupling in (interfaces or {}).items()
+    }
+    return Component(name, Box(size), material, interfaces=made, reduction=ReductionSettings(modes=modes))
+
+
+class Dense:
+    """Roads that share no solver with the code under test: dense matrices in the order of the mesh points."""
+
+    def pencil(self, mesh: ComponentMesh, material: Material) -> tuple[FloatArray, FloatArray]:
+        """Stiffness and mass ``(3 n, 3 n)`` in the order of the mesh points, for roads that share no solver with the code under test."""
+        # here, so that tests without finite elements start without dolfinx
+        from headstock.solvers.elastic.elasticity import assemble_elasticity
+
+        operators = assemble_elasticity(mesh, material, comm=MPI.COMM_SELF, with_mass=True)
+        order = np.argsort(operators.nodes)
+        dofs = (3 * order[:, None] + np.arange(3)).ravel()
+        mass = np.kron(present(operators.scalar_mass).toarray(), np.eye(3))
+        return operators.stiffness.toarray()[np.ix_(dofs, dofs)], mass[np.ix_(dofs, dofs)]
+
+    def rigid_map(self, mesh: ComponentMesh, groups: Iterable[str]) -> tuple[FloatArray, FloatArray]:
+        """Displacements of all mesh points from 6 dofs at each rigid patch's nodal mean, then the dofs of the points outside.
+
+        Returns the matrix ``(3 n, 6 p + n_i)`` and the reference points ``(p, 3)``.
+        """
+        patches = [np.unique(mesh.patches[name]) for name in groups]
+        inside = np.unique(np.concatenate(patches)) if patches else np.zeros(0, dtype=int)
+        outside = np.setdiff1d(np.arange(len(mesh.points)), inside)
+        boundary, origins = np.zeros((3 * len(mesh.points), 6 * len(patches))), []
+        for number, nodes in enumerate(patches):
+            origin = 0.5 * (mesh.points[nodes].min(axis=0) + mesh.points[nodes].max(axis=0))
+            dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+            boundary[dofs, 6 * number : 6 * number + 6] = rigid_map(mesh.points[nodes], origin)
+            origins.append(origin)
+        interior = (3 * outside[:, None] + np.arange(3)).ravel()
+        return np.hstack([boundary, np.eye(3 * len(mesh.points))[:, interior]]), np.array(origins)
+
+    def frequencies(self, stiffness: FloatArray, mass: FloatArray) -> FloatArray:
+        """All natural frequencies [Hz] of a dense pencil."""
+        return np.asarray(np.sqrt(np.abs(scipy.linalg.eigvalsh(stiffness, mass))) / (2.0 * np.pi))
