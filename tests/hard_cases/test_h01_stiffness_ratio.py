@@ -6,7 +6,6 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
@@ -14,6 +13,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 AIR = 1.0e3
 HOME = Pose("home")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from common import present
 from headstock.geometry.frames import Frame, rotation_about
@@ -15,6 +14,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

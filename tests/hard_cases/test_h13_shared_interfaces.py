@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, two_node_body
 
 from headstock.geometry.frames import Frame, rigid_transfer
 from headstock.geometry.machine.machine import Machine, Pose
@@ -12,6 +11,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.reduction.superelement import Attachment, Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, two_node_body
 
 HOME = Pose("home")
 SPRING = (2e7, 3e7, 5e7, 1e6, 2e6, 3e6)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import FloatArray, rigid_transfer
 from headstock.geometry.machine.joints import Joint
@@ -12,6 +11,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import find_free_motions
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component
@@ -13,6 +12,7 @@ from headstock.reduction.motions.body_motions import find_free_motions
 from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = (2e7, 3e7, 5e7, 1e6, 2e6, 3e6)

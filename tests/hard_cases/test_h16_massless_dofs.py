@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
@@ -12,6 +11,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.solvers.second_order import SecondOrderSystem
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

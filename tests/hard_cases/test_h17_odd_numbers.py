@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine, Pose
@@ -14,6 +13,7 @@ from headstock.solvers.errors import HeadstockError, ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import SecondOrderSystem
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 HOME = Pose("home")
 SPRING = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

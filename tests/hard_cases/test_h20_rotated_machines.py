@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from headstock.geometry.frames import Frame, rotate_dofs, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
@@ -10,6 +9,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_budget, point_compliance
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 

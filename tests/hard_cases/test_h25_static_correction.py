@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from common import present
 from headstock.geometry.machine.machine import Pose
@@ -16,6 +15,7 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import SecondOrderSystem, input_columns, output_rows
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.prismatic_beams import PrismaticBeam
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 BEAM = PrismaticBeam(1.0, 1.0, 12.0 ** (1.0 / 3.0), Material("unit", 1.0, 0.3, 1.0))
 # 12 / lambda^4 with cos cosh = -1, summed

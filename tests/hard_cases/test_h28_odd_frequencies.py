@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.machine.machine import Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 FREQUENCIES = np.array([1e-9, 0.3, 40.0, 777.0, 1e5, 1e9])
 SPRING = (5e7, 6e7, 8e7, 1e5, 2e5, 1e5)

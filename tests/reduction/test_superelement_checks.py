@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lumped_machines import rigid_body, two_node_body
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
 from headstock.solvers.errors import AccuracyError
+from lumped_machines import rigid_body, two_node_body
 
 PART = two_node_body("column", 40.0, 0.5, (1e8, 2e8, 5e8, 2e6, 3e6, 1e6))[1]
 E_X = np.eye(12)[0]

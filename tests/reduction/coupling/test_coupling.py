@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.linalg
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from common import present
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer, rotate_dofs, rotation_about
@@ -20,6 +19,7 @@ from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
 from headstock.validation.parts.closed_form_cases import SprungBlock, block_frequencies
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = (2.0e7, 3.0e7, 5.0e7, 1.0e6, 2.0e6, 3.0e6)

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body
 
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Axis, JointEnd, ScrewShaft
@@ -14,6 +13,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
+from lumped_machines import joint_between, lumped_machine, rigid_body
 
 NUT, BEARING, FAR_BEARING, COUPLING = 5e8, 8e8, 6e8, 2e4
 DIAMETER, LEAD, LENGTH = 0.028, 0.010, 0.9

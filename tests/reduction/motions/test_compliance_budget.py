@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 from common import present
 from headstock.geometry.frames import DOF_NAMES, Frame
@@ -14,6 +13,7 @@ from headstock.reduction.motions.compliance_budget import energy_shares, find_we
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 FOOT = np.array([2e7, 3e7, 5e7, 1e6, 2e6, 3e6])

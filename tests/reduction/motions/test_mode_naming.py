@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 from mpi4py import MPI
 
 from common import make_box, make_component, present
@@ -14,6 +13,7 @@ from headstock.reduction.motions.body_motions import join_names
 from headstock.reduction.motions.mode_naming import NamedModes, is_ball, name_around, name_modes, name_on_ball, round_axis
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 

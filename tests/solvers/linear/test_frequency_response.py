@@ -21,7 +21,6 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.linear.stability_figures import find_stability_figures
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))
