@@ -88,7 +88,20 @@ def claim_below(
 def claim_above(
     rungs: Rungs, text: str, quantities: Sequence[str], limit: float, *, above: float, below: float, note: str = ""
 ) -> Claim | None:
-    """In every model between two nDOF some deviation is larger than a limit; ``note`` is for where it is not."""
+    """In every model between two nDOF some deviation is larger than a limit; ``note`` is for where it is not.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Relative deviation that is to be exceeded [-].
+        above: Least nDOF.
+        below: Largest nDOF.
+        note: Remark for where it is not exceeded.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     worst = [d for ndof, d in worst_by_ndof(rungs, quantities, above=above).items() if ndof <= below]
     if not worst:
         return None
@@ -110,7 +123,17 @@ def claim_above(
 
 
 def claim_coarsest(rungs: Rungs, text: str, quantities: Sequence[str], limit: float) -> Claim | None:
-    """In the smallest model some deviation is larger than a limit; the note says from which nDOF on none is."""
+    """In the smallest model some deviation is larger than a limit; the note says from which nDOF on none is.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Relative deviation that is to be exceeded [-].
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     worst = list(worst_by_ndof(rungs, quantities).values())
     if not worst:
         return None
@@ -120,7 +143,17 @@ def claim_coarsest(rungs: Rungs, text: str, quantities: Sequence[str], limit: fl
 
 
 def claim_between(rungs: Rungs, text: str, quantities: Sequence[str], limits: tuple[float, float]) -> Claim | None:
-    """The largest deviation of every model lies between two limits."""
+    """The largest deviation of every model lies between two limits.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limits: Least and largest relative deviation [-].
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     worst = list(worst_by_ndof(rungs, quantities).values())
     if not worst:
         return None
@@ -133,7 +166,16 @@ def claim_between(rungs: Rungs, text: str, quantities: Sequence[str], limits: tu
 
 
 def claim_shrinking(rungs: Rungs, text: str, quantities: Sequence[str]) -> Claim | None:
-    """No deviation grows from one model to the next; where nothing is left to shrink that is said."""
+    """No deviation grows from one model to the next; where nothing is left to shrink that is said.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     steps = [
         (abs(fine.value) - abs(coarse.value), fine)
         for name in quantities
@@ -156,7 +198,18 @@ def claim_shrinking(rungs: Rungs, text: str, quantities: Sequence[str]) -> Claim
 
 
 def claim_constant(rungs: Rungs, text: str, quantities: Sequence[str], limit: float, *, above: float) -> Claim | None:
-    """From some nDOF on no deviation varies by more than a limit [-]; decided by the quantity that varies most."""
+    """From some nDOF on no deviation varies by more than a limit [-]; decided by the quantity that varies most.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Largest variation of a relative deviation [-].
+        above: Least nDOF.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     by_quantity = [found for name in quantities if len(found := deviations(rungs, [name], above=above)) > 1]
     if not by_quantity:
         return None
@@ -168,7 +221,19 @@ def claim_constant(rungs: Rungs, text: str, quantities: Sequence[str], limit: fl
 
 
 def claim_smaller(better: Rungs, worse: Rungs, text: str, quantities: Sequence[str], *, above: float, below: float) -> Claim | None:
-    """In a range of nDOF some models deviate less than others of about equal nDOF, in every quantity; a mode that is missing loses."""
+    """In a range of nDOF some models deviate less than others of about equal nDOF, in every quantity; a mode that is missing loses.
+
+    Args:
+        better: Models that are to deviate less.
+        worse: Those that are to deviate more.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        above: Least nDOF.
+        below: Largest nDOF.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     gaps = []
     for own in deviations(better, quantities, above=above):
         if own.point.ndof > below:
@@ -188,7 +253,16 @@ def claim_smaller(better: Rungs, worse: Rungs, text: str, quantities: Sequence[s
 
 
 def claim_missing(rungs: Rungs, text: str, name: str) -> Claim | None:
-    """The smallest model has not a certain mode."""
+    """The smallest model has not a certain mode.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        name: Of the mode.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     if not rungs.points:
         return None
     smallest = rungs.points[0]
@@ -200,7 +274,17 @@ def claim_missing(rungs: Rungs, text: str, name: str) -> Claim | None:
 
 
 def claim_softer(softer: Rungs, stiffer: Rungs, text: str, quantities: Sequence[str]) -> Claim | None:
-    """The smallest of some models gives larger displacements than the smallest of others."""
+    """The smallest of some models gives larger displacements than the smallest of others.
+
+    Args:
+        softer: Models whose smallest is to give larger displacements.
+        stiffer: Those whose smallest is to give less.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     if not (softer.points and stiffer.points):
         return None
     ratios = {name: softer.points[0].values[name] / stiffer.points[0].values[name] for name in quantities}
@@ -212,7 +296,19 @@ def claim_softer(softer: Rungs, stiffer: Rungs, text: str, quantities: Sequence[
 
 
 def claim_alike(rungs: Rungs, others: Rungs, text: str, quantities: Sequence[str], limit: float, *, above: float) -> Claim | None:
-    """Deviations of two kinds of models of about equal nDOF differ by less than a limit."""
+    """Deviations of two kinds of models of about equal nDOF differ by less than a limit.
+
+    Args:
+        rungs: Models by rising nDOF.
+        others: Models of about equal nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Largest difference of two relative deviations [-].
+        above: Least nDOF.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     gaps = []
     for own in deviations(rungs, quantities, above=above):
         other = nearest_rung(others, own.point.ndof, own.quantity)
@@ -227,7 +323,19 @@ def claim_alike(rungs: Rungs, others: Rungs, text: str, quantities: Sequence[str
 
 
 def claim_ratio(many: Rungs, few: Rungs, text: str, quantities: Sequence[str], limit: float, *, least: float) -> Claim | None:
-    """Some models need at least so many times the dofs of others to stay within a limit of the analytic values."""
+    """Some models need at least so many times the dofs of others to stay within a limit of the analytic values.
+
+    Args:
+        many: Models that need more dofs.
+        few: Models that need fewer.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Largest relative deviation [-].
+        least: Least ratio of the nDOF needed [-].
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     if not (many.points and few.points):
         return None
     needed = [ndof_within(rungs, quantities, limit) for rungs in (many, few)]
@@ -245,7 +353,18 @@ def claim_ratio(many: Rungs, few: Rungs, text: str, quantities: Sequence[str], l
 
 
 def claim_reached(rungs: Rungs, text: str, quantities: Sequence[str], limit: float, *, against: Against) -> Claim | None:
-    """The largest model lies within a limit of a reference, in every quantity."""
+    """The largest model lies within a limit of a reference, in every quantity.
+
+    Args:
+        rungs: Models by rising nDOF.
+        text: The statement, in the paper's words.
+        quantities: Names of the quantities it is about.
+        limit: Largest relative deviation [-].
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+
+    Returns:
+        The statement with the number that decides it; None where there is no model to decide by.
+    """
     if not rungs.points:
         return None
     finest = list(worst_by_ndof(rungs, quantities, against=against).values())[-1]

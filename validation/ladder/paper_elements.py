@@ -77,7 +77,13 @@ def brick_model(sides: tuple[float, float, float], counts: tuple[int, int, int],
 
 
 def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = True) -> FloatArray:
-    """Stiffness ``(24, 24)`` of one brick of sides ``(3,)`` [m], with its bending shapes condensed, or without them."""
+    """Stiffness ``(24, 24)`` of one rectangular brick [N/m], with its bending shapes condensed out or without them.
+
+    Args:
+        brick: ``(3,)`` sides [m].
+        material: Isotropic.
+        bending: With a shape ``1 - xi^2`` in each direction; else the plain trilinear element.
+    """
     elastic = _elasticity(material)
     half = np.asarray(np.asarray(brick) / 2.0, dtype=np.float64)
     whole = np.zeros((33, 33))
@@ -99,7 +105,13 @@ def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
 
 
 def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArray:
-    """Displacements ``(3 n, m)`` [m] under loads ``(3 n, m)`` [N] with some nodes held."""
+    """Static displacements ``(3 n, m)`` [m] with all dofs of some nodes fixed.
+
+    Args:
+        model: Of ``n`` nodes.
+        held: Numbers of the fixed nodes.
+        loads: ``(3 n, m)`` nodal forces [N].
+    """
     free = _free_dofs(model, held)
     found = np.zeros_like(loads)
     found[free] = scipy.sparse.linalg.splu(model.stiffness[free][:, free].tocsc()).solve(loads[free])
@@ -107,7 +119,16 @@ def solve_held(model: BrickModel, held: IntArray, loads: FloatArray) -> FloatArr
 
 
 def held_modes(model: BrickModel, held: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """The lowest natural frequencies ``(m,)`` [Hz] and shapes ``(m, n, 3)`` with some nodes held; fewer where there are few dofs."""
+    """The lowest natural modes with all dofs of some nodes fixed; fewer where there are few dofs.
+
+    Args:
+        model: Of ``n`` nodes.
+        held: Numbers of the fixed nodes.
+        count: How many modes.
+
+    Returns:
+        Frequencies ``(m,)`` [Hz] and mass-normalised shapes ``(m, n, 3)``.
+    """
     free = _free_dofs(model, held)
     stiffness, mass = model.stiffness[free][:, free], model.mass[free][:, free]
     if len(free) <= 2 * count:

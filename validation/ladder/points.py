@@ -57,6 +57,11 @@ class LadderPoint:
 def measure_beam(reference: str, scene: Scene, results: Results) -> dict[str, Any]:
     """What a scene's results say about a beam, for the record of a study's point.
 
+    Args:
+        reference: Name of the beam.
+        scene: The scene with one model of it.
+        results: What its run found.
+
     Raises:
         LadderError: The scene is not the beam of the reference.
     """
@@ -214,13 +219,30 @@ class Deviation:
 
 
 def pick_rungs(beam: LadderBeam, points: Sequence[LadderPoint], group: Group, *kinds: LadderKind) -> Rungs:
-    """The models of some kinds, by rising nDOF."""
+    """The models of some kinds, by rising nDOF.
+
+    Args:
+        beam: What they are models of.
+        points: All points of the study.
+        group: Static or modal.
+        kinds: Segmented, or kinds of elements.
+    """
     own = sorted((point for point in points if point.group == group and point.kind in kinds), key=lambda point: point.ndof)
     return Rungs(beam, kinds, group, tuple(own))
 
 
 def deviations(rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic") -> list[Deviation]:
-    """Every deviation of some quantities in models of at least so many dofs."""
+    """Every deviation of some quantities in models of at least so many dofs.
+
+    Args:
+        rungs: Models by rising nDOF.
+        quantities: Names of the quantities; those that a model has not are left out.
+        above: Least nDOF.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+
+    Returns:
+        Value over reference less one [-], with its quantity and model.
+    """
     return [
         Deviation(point.values[name] / reference_value(rungs.beam, name, against) - 1.0, name, point)
         for point in rungs.points
@@ -231,7 +253,13 @@ def deviations(rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, a
 
 
 def reference_value(beam: LadderBeam, quantity: str, against: Against) -> float:
-    """What a quantity is held against."""
+    """The value that a quantity of a beam is compared with, in the unit of the quantity.
+
+    Args:
+        beam: With references by quantity.
+        quantity: Name of the quantity.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+    """
     value: float = getattr(beam.references[quantity], against)
     return value
 
@@ -244,7 +272,14 @@ def worst_of(found: Sequence[Deviation]) -> Deviation:
 def worst_by_ndof(
     rungs: Rungs, quantities: Sequence[str], *, above: float = 0.0, against: Against = "analytic"
 ) -> dict[int, Deviation]:
-    """The largest deviation at each nDOF, by rising nDOF; models of equal nDOF count together."""
+    """The largest deviation at each nDOF, by rising nDOF; models of equal nDOF count together.
+
+    Args:
+        rungs: Models by rising nDOF.
+        quantities: Names of the quantities.
+        above: Least nDOF.
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+    """
     grouped: dict[int, list[Deviation]] = {}
     for deviation in deviations(rungs, quantities, above=above, against=against):
         grouped.setdefault(deviation.point.ndof, []).append(deviation)
@@ -252,7 +287,14 @@ def worst_by_ndof(
 
 
 def ndof_within(rungs: Rungs, quantities: Sequence[str], limit: float, *, against: Against = "analytic") -> int | None:
-    """Smallest nDOF from which on every deviation is within a limit; None where the largest model is outside."""
+    """Smallest nDOF from which on every deviation is within a limit; None where the largest model is outside.
+
+    Args:
+        rungs: Models by rising nDOF.
+        quantities: Names of the quantities.
+        limit: Largest relative deviation [-].
+        against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
+    """
     enough: int | None = None
     for ndof, worst in reversed(worst_by_ndof(rungs, quantities, against=against).items()):
         if abs(worst.value) > limit:
@@ -262,7 +304,13 @@ def ndof_within(rungs: Rungs, quantities: Sequence[str], limit: float, *, agains
 
 
 def nearest_rung(rungs: Rungs, ndof: int, quantity: str) -> LadderPoint | None:
-    """The model with this quantity whose nDOF comes nearest, by ratio."""
+    """The model with this quantity whose nDOF comes nearest, by ratio.
+
+    Args:
+        rungs: Models by rising nDOF.
+        ndof: Wanted nDOF.
+        quantity: The model must have it.
+    """
     own = [point for point in rungs.points if quantity in point.values]
     distances = [abs(math.log(point.ndof / ndof)) for point in own]
     return own[distances.index(min(distances))] if own else None

@@ -94,6 +94,14 @@ def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...],
     have them. The largest sum of MACs would be wrong here: it gives a first mode away to a third one that looks like it in a coarse
     model, and takes an overtone in its place.
 
+    Args:
+        sections: Motions of the beam's sections in each mode of the model.
+        shapes: Modes of beam theory that are looked for.
+        ends: How the beam is supported.
+
+    Returns:
+        By name of the shape, which mode it is and their MAC.
+
     Source: Allemang (2003) for the MAC.
     """
     weighted = (sections.motions * sections.gyration).reshape(len(sections.motions), -1)

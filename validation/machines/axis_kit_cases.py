@@ -125,7 +125,13 @@ def find_missing_motions(mode: MeasuredMode, motions: Mapping[str, FloatArray]) 
 
 
 def compliance_name(variant: str, fidelity: str, axis: str) -> str:
-    """What the table calls a compliance."""
+    """What the table calls a compliance.
+
+    Args:
+        variant: Variant of the machine.
+        fidelity: Fidelity of its components.
+        axis: Direction of the force, ``x``, ``y`` or ``z``.
+    """
     return f"{variant} {WORDS[fidelity]}: dz/F{axis}"
 
 

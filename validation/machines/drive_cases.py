@@ -67,7 +67,13 @@ class TwoMasses:
 def make_drive(
     masses: TwoMasses, control: AxisControl, friction: GuideFriction | None = None
 ) -> tuple[SecondOrderSystem, DriveTrain]:
-    """The system with its motor free, and the drive ``X``; the load is the port ``("load", "x")``."""
+    """The system with its motor free, and the drive ``X``; the load is the port ``("load", "x")``.
+
+    Args:
+        masses: Motor, load and what is between them.
+        control: The controller.
+        friction: On the slide; None where there is none.
+    """
     one: FloatArray = np.ones(1)
     row: dict[Port, FloatArray] = {LOAD: one}
     held = SecondOrderSystem(
@@ -109,7 +115,13 @@ def closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
 
 
 def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
-    """The exact pole with dead time next to a start, by Newton's method on the quasi-polynomial [rad/s]."""
+    """The exact pole with dead time next to a start, by Newton's method on the quasi-polynomial [rad/s].
+
+    Args:
+        masses: Motor, load and what is between them.
+        control: The controller, with its dead time.
+        start: Pole nearby, such as that of a Padé approximation [rad/s].
+    """
     poly = np.polynomial.polynomial
     plant, fed = characteristic(masses, control)
     slope, fed_slope = poly.polyder(plant), poly.polyder(fed)
@@ -134,7 +146,13 @@ def set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatAr
 
 
 def step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
-    """Load position ``(n,)`` after a unit step of the set position, by residues at the poles."""
+    """Load position ``(n,)`` after a unit step of the set position, by residues at the poles.
+
+    Args:
+        masses: Motor, load and what is between them.
+        control: The controller, without dead time.
+        times: ``(n,)`` since the step [s].
+    """
     poly = np.polynomial.polynomial
     numerator, denominator = set_point_response(masses, control)
     poles = poly.polyroots(denominator)

@@ -294,7 +294,13 @@ def join_pairs(parts: list[ErrorPairs]) -> ErrorPairs:
 
 
 def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
-    """Rows for coverage, size and rank correlation of estimates."""
+    """Rows for coverage, size and rank correlation of estimates.
+
+    Args:
+        case: Name of the case.
+        what: Beginning of the rows' names.
+        pairs: True and estimated errors.
+    """
     given, clear = pairs.given, pairs.clear
     missed = float(np.mean(pairs.true[given] > pairs.estimated[given] + RESOLVED))
     ratio = float(np.median(pairs.estimated[clear] / pairs.true[clear]))

@@ -103,7 +103,13 @@ def check_guideway(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm) -> dict[str, Superelement]:
-    """Superelements of meshed components, and of the others from their mass properties; collective."""
+    """Superelements of meshed components, and of the others from their mass properties; collective.
+
+    Args:
+        machine: With its components.
+        meshes: Of the elastic components.
+        comm: Ranks; collective.
+    """
     return {
         name: reduce_elastic(part, meshes[name], comm=comm) if name in meshes else reduce_rigid(part, describe_component(part))
         for name, part in machine.components.items()
@@ -111,7 +117,13 @@ def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MP
 
 
 def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
-    """Compliance at the TCP and frequencies of the coupled superelements."""
+    """Compliances along x, y and z at the TCP [m/N] and lowest frequencies [Hz] of the coupled superelements.
+
+    Args:
+        machine: With an axis X along the rails.
+        parts: Its superelements.
+        place: Position of the axis [m].
+    """
     system = couple(parts, machine, Pose("p", {"X": place})).system
     ports = np.column_stack([system.inputs["tcp", dof] for dof in DOF_NAMES])
     compliance = ports.T @ solve_static(system, ports).displacements
@@ -119,7 +131,13 @@ def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: floa
 
 
 def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
-    """The same of the unreduced model on the mesh that was reduced, its carriages weighed alike."""
+    """The same of the unreduced model on the mesh that was reduced, its carriages weighted alike.
+
+    Args:
+        machine: With an axis X along the rails.
+        mesh: Of the bed.
+        place: Position of the axis [m].
+    """
     pose = Pose("p", {"X": place})
     views = view_carriages(machine, {"bed": mesh}, pose)
     model = monolithic_machine(fix_carriages(machine, pose), {"bed": mesh}, pose, views=views)
@@ -142,7 +160,13 @@ def relative_errors(found: Answer, expected: Answer) -> FloatArray:
 
 
 def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
-    """Largest relative departure of a frequency from a quartic in the place, over two station intervals around the middle."""
+    """Largest relative departure of a frequency from a quartic in the position, over two spline intervals around the middle [-].
+
+    Args:
+        machine: With an axis X along the rails.
+        parts: Its superelements.
+        samples: Number of positions.
+    """
     spacing = next(iter(parts["bed"].rails.values())).blur
     places = np.linspace(-spacing, spacing, samples)
     frequencies = np.array([answer_reduced(machine, parts, float(place))[1] for place in places])

@@ -114,7 +114,13 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that hits none."""
+    """The lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that hits none.
+
+    Args:
+        model: The whole machine, without supports.
+        count: How many.
+        shift_hz: Magnitude of the shift ``-(2 pi f)^2`` [Hz]: below zero, so that it hits no eigenvalue, rigid-body modes included.
+    """
     border = model.constraints.shape[0]
     mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csc")
     shift = -((2.0 * np.pi * shift_hz) ** 2)
@@ -233,7 +239,16 @@ def fix_carriages(machine: Machine, pose: Pose) -> Machine:
 
 
 def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose) -> dict[str, InterfaceView]:
-    """What every carriage sees of a mesh that knows the rails only, weighed as the reduced model weighs it."""
+    """Motion that every carriage takes from a mesh on which only the rails are patches, weighted as in the reduced model.
+
+    Args:
+        machine: With carriages on rails.
+        meshes: By component with rails.
+        pose: Where the carriages are.
+
+    Returns:
+        By ``component.joint``, rows ``(6, 3 n_points)`` and the carriage's place on the rail.
+    """
     views = {}
     for carriage in place_carriages(machine, pose):
         component = machine.components[str(carriage.rail.component)]
@@ -253,10 +268,18 @@ def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: 
 
 
 def solve_monolithic(model: MonolithicMachine, point: str, count: int) -> tuple[FloatArray, FloatArray]:
-    """Compliance ``(6, 6)`` at a point and the lowest frequencies [Hz] of a held machine without constraints, by one factorisation.
+    """Compliance at a point and the lowest frequencies of a supported machine without constraints, by one factorisation.
+
+    Args:
+        model: The whole machine, its joints all springs, its stiffness positive definite.
+        point: Name of the point.
+        count: How many frequencies.
+
+    Returns:
+        Compliance ``(6, 6)`` [m/N, rad/N, rad/(N m)] and frequencies ``(count,)`` [Hz].
 
     Raises:
-        ValueError: The machine has held joints.
+        ValueError: The machine has rigid joints.
     """
     if model.constraints.shape[0]:
         raise ValueError("this road takes machines whose joints are all springs")

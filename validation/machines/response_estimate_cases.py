@@ -168,7 +168,13 @@ def check_mesh_response_estimates(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]) -> dict[str, ErrorPairs]:
-    """True and estimated errors of lines, over the largest entry of a line, and of most negative real parts."""
+    """True and estimated errors of lines, over the largest entry of a line, and of most negative real parts.
+
+    Args:
+        machine: Of one body.
+        fine: Mesh whose response counts as true.
+        meshes: Coarser ones, whose errors are estimated.
+    """
     exact = _reduced(machine, fine)
     modes = solve_modal(exact.system, count=12)
     elastic = modes.frequencies_hz[modes.rigid_count :]

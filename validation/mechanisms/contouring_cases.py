@@ -130,5 +130,11 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
 
 
 def run_start(tripteor: Tripteor, material: str, until: float) -> ContourRun:
-    """The first instants of the contour, linear."""
+    """The first instants of the paper's contour by the linear model.
+
+    Args:
+        tripteor: The lumped mechanism.
+        material: Name of the work material.
+        until: End [s].
+    """
     return run_contour(tripteor.scene, tripteor.model, contour_request(material), until=until)

@@ -164,7 +164,13 @@ def absolute_tripteor(tripteor: Tripteor, drive: DriveLaw) -> AbsoluteSystem:
 
 
 def absolute_state(tripteor: Tripteor, coordinates: FloatArray, rates: FloatArray) -> AbsoluteState:
-    """The same state of motion, body by body."""
+    """A state of motion of the lumped mechanism in absolute coordinates, body by body.
+
+    Args:
+        tripteor: The lumped mechanism with ``n`` coordinates.
+        coordinates: ``(n,)`` with the loops closed [m, rad].
+        rates: ``(n,)`` consistent with the closures [m/s, rad/s].
+    """
     placement = place_marks(tripteor.model.mechanism, coordinates)
     moving = mark_bias(placement, rates)
     bodies = {body.name: body for body in tripteor.model.bodies}

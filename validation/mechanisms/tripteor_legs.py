@@ -61,7 +61,16 @@ def load_legs(variant: str, overrides: tuple[str, ...] = ()) -> LeggedTripteor:
 
 
 def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
-    """Lowest frequencies ``(count,)`` [Hz] of the same machine by beam elements (``tripod_beams``)."""
+    """Lowest frequencies ``(count,)`` [Hz] of the same machine by beam elements (``tripod_beams``).
+
+    Args:
+        tripteor: The machine with segmented legs.
+        pose: Name of the pose.
+        count: How many.
+
+    Raises:
+        ValueError: The machine has no mechanism.
+    """
     machine, positions = tripteor.scene.machine, tripteor.scene.poses[pose].positions
     if machine.mechanism is None:
         raise ValueError("the machine has no mechanism")

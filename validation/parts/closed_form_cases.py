@@ -185,7 +185,13 @@ def clamp(component: str, *faces: str) -> tuple[Support, ...]:
 
 
 def face_interface(name: str, face: str, coupling: str) -> Interface:
-    """A whole face as an interface."""
+    """A whole face as an interface.
+
+    Args:
+        name: Of the interface.
+        face: Face of a box, such as ``z+``.
+        coupling: ``average`` or ``rigid``.
+    """
     return Interface(name, (Patch(face),), "average" if coupling == "average" else "rigid")
 
 

@@ -151,6 +151,12 @@ def shared_mesh(
 ) -> ComponentMesh:
     """The mesh of a component on every rank, made by rank 0.
 
+    Args:
+        component: What to mesh.
+        supports: On it.
+        loads: On it.
+        comm: Ranks that get the mesh; collective.
+
     Raises:
         HeadstockError: Meshing failed; raised on every rank.
     """
@@ -168,6 +174,12 @@ def shared_mesh(
 
 def interface_compliance(component: Component, mesh: ComponentMesh, supports: Sequence[Support], *, comm: MPI.Comm) -> Compliance:
     """Compliances of the interfaces of a supported component by its static superelement.
+
+    Args:
+        component: With interfaces.
+        mesh: Its mesh.
+        supports: That leave no rigid motion free.
+        comm: Ranks; collective.
 
     Returns:
         For each pair of interface names the motion ``(6, 6)`` of the first under unit forces and moments on the second.

@@ -67,7 +67,14 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def rod_frequencies(kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "held"]) -> FloatArray:
-    """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by their shapes."""
+    """The first three axial frequencies ``(3,)`` [Hz] of the rod, told from bending and torsion by their shapes.
+
+    Args:
+        kind: Of the cells.
+        elements: Along the rod; one across.
+        comm: Ranks; collective.
+        sideways: Whether nodes may move across the rod.
+    """
     mesh = lattice_mesh(straight_lattice((elements, 1, 1), (ROD.length, ROD.width, ROD.depth)), kind, straight=True)
     held = np.zeros((len(mesh.points), 3), dtype=bool)
     held[mesh.points[:, 0] < 1e-9, 0] = True
@@ -78,7 +85,13 @@ def rod_frequencies(kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: 
 
 
 def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
-    """Relative mean-square error of the displacement in a clamped unit cube under a manufactured body force."""
+    """Relative mean-square error [-] of the displacement in a clamped unit cube under a manufactured body force.
+
+    Args:
+        kind: Of the cells.
+        elements: Along each side.
+        comm: Ranks; collective.
+    """
     mesh = lattice_mesh(straight_lattice((elements,) * 3, (1.0, 1.0, 1.0)), kind, straight=True)
     held = np.any((mesh.points < 1e-9) | (mesh.points > 1.0 - 1e-9), axis=1)
     material = Material("cube", STEEL.youngs_modulus, STEEL.poisson_ratio, 1.0)

@@ -44,6 +44,11 @@ def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
 def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
     """Bending frequencies ``(count,)`` [Hz] in the direction of the beam's depth.
 
+    Args:
+        beam: Uniform, slender.
+        ends: How it is supported.
+        count: How many, from the lowest elastic one.
+
     Source: Blevins (1979), equation 8-17: ``f = lambda^2 / (2 pi L^2) sqrt(E I / (rho A))``.
     """
     speed = math.sqrt(beam.bending_stiffness / beam.mass_per_length)
@@ -76,6 +81,11 @@ def euler_bernoulli_shape(ends: EndConditions, number: int, places: FloatArray) 
 
 def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
     """Bending frequencies ``(count,)`` [Hz] of a strip so wide that it cannot contract sideways: E becomes E / (1 - nu^2).
+
+    Args:
+        beam: Uniform, as wide as a plate.
+        ends: How it is supported.
+        count: How many, from the lowest elastic one.
 
     Source: Timoshenko and Woinowsky-Krieger (1959), cylindrical bending of a long plate, chapter 1.
     """
@@ -111,6 +121,11 @@ def timoshenko_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int)
 
     The state is carried over the span by the matrix exponential; a frequency is a root of the 2 x 2 determinant that the
     ends leave.
+
+    Args:
+        beam: Uniform, with its shear coefficient.
+        ends: How it is supported.
+        count: How many, from the lowest elastic one.
 
     Source: Timoshenko (1921); transfer matrices after Pestel and Leckie (1963), chapter 5.
     """

@@ -66,7 +66,15 @@ SHOWN_ONLY = "shown only"
 
 
 def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
-    """A row that passes when the value lies within the target's tolerance; a value that is not finite never passes."""
+    """A row that passes when the value lies within the target's tolerance; a value that is not finite never passes.
+
+    Args:
+        case: Name of the case.
+        quantity: What the value is, in words.
+        value: In the unit of the target.
+        target: The right value and the relative error allowed; where the right value is zero, the absolute one.
+        note: Remark.
+    """
     # plain numbers: numpy's own do not go into JSON
     value, right, allowed = float(value), float(target.reference), float(target.tolerance)
     error = value / right - 1.0 if right else value
@@ -75,17 +83,40 @@ def judge(case: str, quantity: str, value: float, target: Target, note: str = ""
 
 
 def judge_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
-    """A row for an order of convergence, which passes within 0.2 of what theory promises."""
+    """A row for an order of convergence, which passes within 0.2 of what theory promises.
+
+    Args:
+        case: Name of the case.
+        quantity: What the value is, in words.
+        value: Observed order [-].
+        expected: Order of the theory [-].
+    """
     return judge(case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2")
 
 
 def judge_bound(case: str, quantity: str, value: float, bound: float, note: str = "") -> ValidationRow:
-    """A row for a number that should be zero and may be as large as a bound."""
+    """A row for a number that should be zero and may be as large as a bound.
+
+    Args:
+        case: Name of the case.
+        quantity: What the value is, in words.
+        value: Relative or counted [-].
+        bound: Largest magnitude allowed.
+        note: Remark.
+    """
     return judge(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
 
 
 def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
-    """A row that is printed for the reader and cannot fail unless it is not finite."""
+    """A row that is printed for the reader and cannot fail unless it is not finite.
+
+    Args:
+        case: Name of the case.
+        quantity: What the value is, in words.
+        value: Its value.
+        unit: Its unit.
+        note: Remark.
+    """
     return judge(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
 
 

@@ -24,6 +24,11 @@ def wave_numbers(ends: EndConditions, count: int) -> FloatArray:
 def axial_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
     """Axial frequencies ``(count,)`` [Hz]: ``f = lambda / (2 pi L) sqrt(E / rho)``.
 
+    Args:
+        beam: Uniform.
+        ends: How it is supported.
+        count: How many, from the lowest elastic one.
+
     Source: Blevins (1979), equation 8-112.
     """
     speed = math.sqrt(beam.material.youngs_modulus / beam.material.density)
@@ -56,6 +61,11 @@ def torsional_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) 
     """Torsional frequencies ``(count,)`` [Hz], rigid rotation left out, warping free everywhere.
 
     ``clamped`` ends hold the twist, ``free`` ones do not; the ends of ``supported-supported`` hold it too.
+
+    Args:
+        beam: Uniform, of rectangular section.
+        ends: How it is supported.
+        count: How many, from the lowest elastic one.
 
     Source: Blevins (1979), table 8-19: ``f = lambda / (2 pi L) sqrt(G J / (rho I_p))``.
     """
