@@ -42,7 +42,9 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "pyproject.toml", copy)
     # a repository around the copy would take the paths for its own
     variables = os.environ | {"GIT_CEILING_DIRECTORIES": str(copy.parent)}
-    done = subprocess.run(["git", "apply", str(PATCH)], cwd=copy, env=variables, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["git", "apply", "--unidiff-zero", str(PATCH)], cwd=copy, env=variables, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, f"tests/data/README.md says how to mend the patch:\n{done.stderr}"
     return copy
 
