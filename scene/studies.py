@@ -4,13 +4,14 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, show_position
+from headstock.scene.reading.files import TomlValue
 
 VARIANT = "variant"  # varied like a key of the scene, by names of variants; "" is the scene as it stands
 MAX_POINTS = 100_000
@@ -35,8 +36,8 @@ class StudyFamily:
 
     name: str
     label: str
-    settings: Mapping[str, Any]
-    vary: Mapping[str, tuple[Any, ...]]
+    settings: Mapping[str, TomlValue]
+    vary: Mapping[str, tuple[TomlValue, ...]]
     pairwise: bool = False
     analyses: tuple[str, ...] = ()
     other_model: bool = False
@@ -62,7 +63,7 @@ class Study:
     cold: bool = False
     repeats: int = 1
     reference: str | None = None
-    truth: Mapping[str, Any] | None = None
+    truth: Mapping[str, TomlValue] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +79,8 @@ class StudyPoint:
     """
 
     family: str
-    varied: Mapping[str, Any]
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    varied: Mapping[str, TomlValue]
+    settings: Mapping[str, TomlValue] = field(default_factory=dict)
     variant: str = ""
     analyses: tuple[str, ...] = ()
 
@@ -101,13 +102,13 @@ def expand_study(study: Study) -> tuple[StudyPoint, ...]:
     )
 
 
-def make_point(family: StudyFamily, varied: Mapping[str, Any]) -> StudyPoint:
+def make_point(family: StudyFamily, varied: Mapping[str, TomlValue]) -> StudyPoint:
     """The point of a family at which varied keys have these values."""
     settings = {**family.settings, **{key: value for key, value in varied.items() if key != VARIANT}}
     return StudyPoint(family.name, dict(varied), settings, str(varied.get(VARIANT, "")), family.analyses)
 
 
-def _combinations(family: StudyFamily) -> Iterator[tuple[Any, ...]]:
+def _combinations(family: StudyFamily) -> Iterator[tuple[TomlValue, ...]]:
     if family.pairwise:
         return zip(*family.vary.values(), strict=True)
     return itertools.product(*family.vary.values())
@@ -118,7 +119,7 @@ def describe_point(point: StudyPoint) -> str:
     return ", ".join([*([point.family] if point.family else []), *list_varied(point.varied)])
 
 
-def list_varied(varied: Mapping[str, Any]) -> list[str]:
+def list_varied(varied: Mapping[str, TomlValue]) -> list[str]:
     """Varied keys with their values; those that differ in the component only stand together: ``mesh.size = 76 mm, 100 mm``."""
     groups: dict[str, list[str]] = {}
     for key in varied:
@@ -140,9 +141,9 @@ def shorten_key(key: str) -> str:
     return key.removeprefix("components.").removeprefix("joints.")
 
 
-def show_value(value: Any) -> str:
+def show_value(value: TomlValue) -> str:
     """A varied value as a reader knows it from the scene."""
-    if isinstance(value, list | tuple):
+    if isinstance(value, list):
         return ", ".join(map(show_value, value))
     return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
 

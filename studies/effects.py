@@ -1,12 +1,11 @@
 """What each effect of a scene moves and costs: answers and time of a run with it and of one without it, compared by kind."""
 
-import dataclasses
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, NotRequired, TypedDict
 
 import numpy as np
 from mpi4py import MPI
@@ -15,8 +14,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.json_texts import Json
-from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.pipeline.storage.provenance import ProvenanceSummary, SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -54,6 +52,16 @@ NEEDS = {
 }
 
 
+class ChangeSummary(TypedDict):
+    """How far an answer moves, and where most: its number without the effect and with it."""
+
+    answer: str
+    share: float
+    entry: str
+    without: float | None
+    present: float | None
+
+
 @dataclass(frozen=True)
 class Change:
     """How far an answer of two runs is apart.
@@ -72,16 +80,24 @@ class Change:
     without: float | None
     present: float | None
 
+    def summarise(self) -> ChangeSummary:
+        """As it stands in JSON."""
+        return {
+            "answer": self.answer,
+            "share": self.share,
+            "entry": self.entry,
+            "without": self.without,
+            "present": self.present,
+        }
+
 
 def list_answers(summary: RunSummary) -> dict[str, dict[str, FloatArray]]:
     """Answer to entry to its numbers, of what a summary holds."""
     found: dict[str, dict[str, FloatArray]] = {}
-    for answer, entry, numbers in _entries(summary):
-        values = np.array(
-            [np.nan if number is None else number for number in np.ravel(np.array(numbers, dtype=object))], dtype=float
-        )
+    for entry in _entries(summary):
+        values = np.ravel(np.array(entry.numbers, dtype=np.float64))  # None becomes NaN
         if values.size:
-            found.setdefault(answer, {})[entry] = values
+            found.setdefault(entry.answer, {})[entry.where] = values
     return found
 
 
@@ -115,51 +131,56 @@ def _largest(values: FloatArray | None) -> float | None:
     return None if values is None or not np.isfinite(values).any() else float(values[np.nanargmax(np.abs(values))])
 
 
-def _entries(summary: RunSummary) -> Iterator[tuple[str, str, Any]]:
+class _Entry(NamedTuple):
+    """Numbers of an answer, where they stand, None where there is none."""
+
+    answer: str
+    where: str
+    numbers: Sequence[object] | FloatArray
+
+
+def _entries(summary: RunSummary) -> Iterator[_Entry]:
     yield from _machine_entries(summary)
     for run in summary["path"]["feeds"] if "path" in summary else ():
         for output in run["outputs"]:
             for zone, figures in (("accelerating", output["accelerating"]), ("decelerating", output["decelerating"])):
                 if "peak_um" in figures:
                     where = f"{' '.join(output['port'])}, {zone}, {run['name']}"
-                    yield "path deviation", where, [figures["peak_um"], figures["span_um"]]
+                    yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
     for pose, found in summary.get("control", {}).items():
-        yield "control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]]
+        yield _Entry("control poles", f"pose {pose}", [pole["frequency_hz"] for pole in found["poles"]])
         for name, drive in found["drives"].items():
-            yield "velocity lag", f"drive {name} in pose {pose}", [drive["velocity_lag_um"]]
+            yield _Entry("velocity lag", f"drive {name} in pose {pose}", [drive["velocity_lag_um"]])
     contour = summary.get("contouring")
     if contour:
-        yield "sag on the contour", "all faces", contour["sag_um"]["most"]
+        yield _Entry("sag on the contour", "all faces", contour["sag_um"]["most"])
         for face in contour["faces"]:
             where = f"face {face['face']}"
-            yield "contour gap", where, face["mean_um"]
-            yield "contour ripple", where, face["peak_to_peak_um"]
-            yield "leg forces", where, face["leg_force_mean_n"]
-            yield "variation of leg forces", where, face["leg_force_peak_to_peak_n"]
+            yield _Entry("contour gap", where, face["mean_um"])
+            yield _Entry("contour ripple", where, face["peak_to_peak_um"])
+            yield _Entry("leg forces", where, face["leg_force_mean_n"])
+            yield _Entry("variation of leg forces", where, face["leg_force_peak_to_peak_n"])
     for name, values in summary["map"]["quantities"].items() if "map" in summary else ():
         if name.endswith("_hz"):
-            yield "map of frequencies", name, np.array(values, dtype=object).astype(float)
+            yield _Entry("map of frequencies", name, values)
 
 
-def _machine_entries(summary: RunSummary) -> Iterator[tuple[str, str, Any]]:
+def _machine_entries(summary: RunSummary) -> Iterator[_Entry]:
     for modes in summary["modal"]:
         elastic = [hz for hz in modes["frequencies_hz"] if hz > RIGID_HZ]
-        yield "frequencies", f"pose {modes['pose_name']}", elastic
+        yield _Entry("frequencies", f"pose {modes['pose_name']}", elastic)
     points = summary.get("static_poses") or {"": summary["static"]}
     for pose, found in points.items():
         for name, point in found.items():
             where = f"{name} in pose {pose}" if pose else name
-            yield "static compliance", where, _open_as_nan(point["compliance_um_per_kN"])
+            yield _Entry("static compliance", where, point["compliance_um_per_kN"])
             # zeros without a load or gravity: a displacement that comes with an effect is a change of all of it
-            yield "displacement under loads", where, 1e6 * _open_as_nan(point.get("displacement", [0.0] * 6)[:3])
+            moved = np.array(point.get("displacement", [0.0] * 6)[:3], dtype=np.float64)
+            yield _Entry("displacement under loads", where, 1e6 * moved)
     for pose, response in summary.get("frf", {}).items():
         for port in response["ports"]:
             if port.get("softest_N_per_um") is not None:
-                yield "dynamic stiffness", f"{' '.join(port['port'])} in pose {pose}", [port["softest_N_per_um"]]
-
-
-def _open_as_nan(values: Any) -> Any:
-    return np.array(values, dtype=object).astype(float)
+                yield _Entry("dynamic stiffness", f"{' '.join(port['port'])} in pose {pose}", [port["softest_N_per_um"]])
 
 
 @dataclass(frozen=True)
@@ -246,7 +267,33 @@ def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
     return sorted(trials, key=lambda trial: (bool(trial.obstacle), -trial.largest, trial.effect))
 
 
-def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> Json:
+class TrialSummary(TypedDict):
+    """What an effect moves and costs; of the time its share and by which share runs differ without any change."""
+
+    effect: str
+    named: bool
+    beside: str | None
+    obstacle: str | None
+    largest_change: float
+    seconds_with: float
+    seconds_without: float
+    time_share: float
+    time_noise: float
+    advice: str
+    changes: list[ChangeSummary]
+
+
+class EffectsSummary(TypedDict):
+    """Every effect of a scene, and the changes from which one matters a little or much."""
+
+    scene: str
+    little: float
+    much: float
+    effects: list[TrialSummary]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> EffectsSummary:
     """As JSON."""
     return {
         "scene": scene,
@@ -264,7 +311,7 @@ def summarise_trials(scene: str, trials: Sequence[EffectTrial]) -> Json:
                 "time_share": trial.time_share,
                 "time_noise": trial.noise,
                 "advice": trial.advice,
-                "changes": [dataclasses.asdict(change) for change in trial.changes],
+                "changes": [change.summarise() for change in trial.changes],
             }
             for trial in trials
         ],

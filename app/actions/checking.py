@@ -3,10 +3,10 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from headstock.app.terminal.console import counted, make_console, print_remarks
-from headstock.pipeline.planning.plan import Plan
+from headstock.pipeline.planning.plan import Plan, StageKind
 from headstock.pipeline.stages.rigid_checks import find_unheld_motions
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
@@ -53,8 +53,20 @@ def _write(json_file: Path | None, path: Path, problems: Sequence[object], warni
         write_output(json_file, dump_json(content).encode())
 
 
-def plan_rows(plan: Plan) -> list[dict[str, Any]]:
-    """One row per stage, with the keys of ``summary.json`` and the estimates."""
+class StagePlan(TypedDict):
+    """A stage of a plan, with the keys of ``summary.json`` and the estimates."""
+
+    stage: StageKind
+    component: str | None
+    pose: str | None
+    reason: str
+    estimated_dofs: int | None
+    estimated_seconds: float | None
+    estimated_memory_mb: float | None
+
+
+def plan_rows(plan: Plan) -> list[StagePlan]:
+    """One row per stage."""
     return [
         {
             "stage": stage.kind,

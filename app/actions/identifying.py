@@ -141,7 +141,8 @@ def identify_scene(request: IdentifyRequest, origin: Provenance | None = None) -
         print_task(loaded.task)
         problem = prepare_problem(loaded, Store(default_store_root()), MPI.COMM_SELF)
         found = identify(problem, loaded.task.name, print_start)
-        summary = {**summarise_identification(found), "seconds": time.perf_counter() - begin}
+        summary = summarise_identification(found)
+        summary["seconds"] = time.perf_counter() - begin
         if origin is not None:
             summary["provenance"] = origin.summarise()
         command = _command(request, loaded.task.settings.starts, with_folders=origin is None or origin.command is not None)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 from mpi4py import MPI
@@ -20,10 +19,19 @@ from headstock.app.pictures.png_images import encode_png
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.ladder import ladder_tables, list_claims, print_ladder
-from headstock.app.terminal.study import cost_table, list_costs, list_study, print_progress, print_study, study_csv
+from headstock.app.terminal.study import (
+    StudyListing,
+    cost_table,
+    digit_words,
+    list_costs,
+    list_study,
+    print_progress,
+    print_study,
+    study_csv,
+)
 from headstock.app.texts.tables import encode_csv
 from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.json_texts import Json, dump_json
+from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
@@ -93,11 +101,10 @@ def _make_job(request: StudyRequest) -> StudyJob:
             f"{chosen.path} has no study {request.name!r}; {suggest_names(request.name, scene.studies, what='studies')}"
         )
     study = scene.studies[request.name]
-    changes: dict[str, Any] = {"cold": True} if request.cold else {}
-    changes |= {"repeats": request.repeats} if request.repeats is not None else {}
+    repeats = study.repeats if request.repeats is None else request.repeats
     job = StudyJob(
         path=chosen.path,
-        study=dataclasses.replace(study, **changes),
+        study=dataclasses.replace(study, cold=request.cold or study.cold, repeats=repeats),
         raw=scene.raw,
         content=content,
         variant=chosen.variant,
@@ -117,9 +124,9 @@ def _publish(
     extra: Extra = {}
     listing = list_study(table, request.scene.path)
     if table.study.reference is not None:
-        listing |= _add_ladder(ladder_beam(table.study.reference), records, extra)
+        _add_ladder(ladder_beam(table.study.reference), records, listing, extra)
     if table.study.truth is not None:
-        listing |= _add_costs(table, extra)
+        _add_costs(table, listing, extra)
     figure = draw_study(table)
     if figure is not None:
         extra["study.png"] = encode_png(figure)
@@ -133,21 +140,21 @@ def _publish(
     return remarks
 
 
-def _add_costs(table: StudyTable, extra: Extra) -> Json:
+def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
     """Errors beside costs, as a table and a figure."""
     points = weigh_costs(table)
     extra["cost.csv"] = encode_csv(cost_table(points))
     figure = draw_costs(points, {family.name: family.label for family in table.study.families})
     if figure is not None:
         extra["cost.png"] = encode_png(figure)
-    return list_costs(points)
+    listing["costs"], listing["digits"] = list_costs(points), digit_words(points)
 
 
-def _add_ladder(beam: LadderBeam, records: Sequence[StudyRecord], extra: Extra) -> Json:
+def _add_ladder(beam: LadderBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra) -> None:
     """Figures, tables and claims of a ladder."""
     points = [*collect_points(beam, records), *paper_points(beam)]
     claims, own = judge_ladder(beam, points), judge_own(beam, points)
     extra.update({f"{table.name}.csv": encode_csv(table) for table in ladder_tables(beam, points, [*claims, *own])})
     extra.update({f"{name}.png": encode_png(pixels) for name, pixels in draw_ladder(beam, points).items()})
     print_ladder(beam, points, claims, own)
-    return {"claims": list_claims(claims), "own_claims": list_claims(own)}
+    listing["claims"], listing["own_claims"] = list_claims(claims), list_claims(own)

@@ -195,7 +195,7 @@ def _lines(table: StudyTable, key: str) -> dict[str, Sequence[StudyRow]]:
     labels = {family.name: family.label for family in table.study.families if family.name}
     lines: dict[str, list[StudyRow]] = {}
     for row in table.rows:
-        varied: dict[str, Any] = row.record.varied
+        varied = row.record.varied
         if key in varied:
             words = [f"{shorten_key(other)} = {show_value(value)}" for other, value in varied.items() if other != key]
             title = ", ".join([labels[row.record.family], *words] if row.record.family in labels else words)
@@ -259,11 +259,12 @@ def _mark_automatic(axes: Axes, points: Sequence[CostPoint], cost: str) -> None:
         star: dict[str, Any] = {"marker": "*", "markersize": 13, "color": "#111111", "zorder": 5}
         axes.plot(*_places(points, cost), linestyle="", label="chosen automatically, with the accuracy asked for", **star)
     for point in points:
-        asked = point.row.record.summary["accuracy"]["asked"]
+        if point.accuracy is None:
+            continue
         place = (read_cost(point, cost), max(point.error, SMALLEST))
         halo = [withStroke(linewidth=2.5, foreground="white")]
         below: dict[str, Any] = {"xytext": (-8, -9), "textcoords": "offset points", "ha": "right"}
-        axes.annotate(f"{100.0 * asked:g} %", place, fontsize=8, color=INK, zorder=6, path_effects=halo, **below)
+        axes.annotate(f"{100.0 * point.accuracy['asked']:g} %", place, fontsize=8, color=INK, zorder=6, path_effects=halo, **below)
 
 
 def _places(points: Sequence[CostPoint], cost: str) -> tuple[list[float], list[float]]:

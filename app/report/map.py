@@ -1,7 +1,7 @@
 """Maps of the report: a coloured field per quantity as SVG, its cells one small embedded picture; of a volume a few layers."""
 
 import base64
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -10,7 +10,7 @@ from headstock.app.pictures.png_images import encode_png
 from headstock.app.report import svg
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.results.map import MapSummary
 
 WIDTH, LEFT, TOP, BOTTOM = 340, 56, 22, 34
 # five stops of viridis, told apart by most colour-blind readers and in grey
@@ -23,22 +23,29 @@ TITLES = {
 }
 
 
-def map_values(found: Json, name: str) -> FloatArray:
+def map_values(found: MapSummary, name: str) -> FloatArray:
     """Values ``(n0, n1)`` of a quantity, of a volume ``(n0, n1, n2)``, NaN where there is none."""
     # None becomes NaN
     return np.array(found["quantities"][name], dtype=float)
 
 
-def map_layers(found: Json) -> list[dict[str, Any]]:
-    """Planes to draw: the map itself, or the lowest, middle and highest layer of a volume; each with what it stands at."""
+class MapLayer(NamedTuple):
+    """A plane to draw: its place along the third axis of a volume, and what it stands at; of a plane it is the map itself."""
+
+    place: int | None = None
+    title: str = ""
+
+
+def map_layers(found: MapSummary) -> list[MapLayer]:
+    """The map itself, or the lowest, middle and highest layer of a volume."""
     if len(found["axes"]) == 2:
-        return [{"place": None, "title": ""}]
+        return [MapLayer()]
     levels, axis = found["positions"][2], found["axes"][2]
     places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
-    return [{"place": place, "title": f"{axis} = {show_position(levels[place], found['units'][axis])}"} for place in places]
+    return [MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}") for place in places]
 
 
-def draw_map(found: Json, name: str, layer: int | None = None) -> Markup:
+def draw_map(found: MapSummary, name: str, layer: int | None = None) -> Markup:
     """One quantity over a plane: first axis to the right, second upwards; grey where the pose cannot be taken.
 
     Args:

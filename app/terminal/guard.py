@@ -9,7 +9,7 @@ import pwd
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Buffer, Callable
 from typing import Any
 
 from headstock.geometry.errors import printable
@@ -86,14 +86,14 @@ def hand_over(code: int) -> int:
 class _LosableOutput(io.FileIO):
     """A descriptor whose reader may leave: what nobody reads any more is dropped, and the work goes on."""
 
-    def write(self, data: Any) -> int:
+    def write(self, data: Buffer) -> int:
         try:
             return super().write(data) or 0
         except BrokenPipeError:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
-            return len(data)
+            return memoryview(data).nbytes
 
 
 def prepare_streams() -> None:

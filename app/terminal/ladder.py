@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import TypedDict
 
 from rich.console import Console
 from rich.table import Table
@@ -9,7 +10,6 @@ from rich.text import Text
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.texts.tables import PlainTable
-from headstock.pipeline.storage.json_texts import Json
 from headstock.validation.ladder.claims import Claim
 from headstock.validation.ladder.points import KINDS, LadderPoint, ndof_within, pick_rungs
 from headstock.validation.ladder.references import Group, LadderBeam
@@ -62,9 +62,32 @@ def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Seque
     return [table, PlainTable("claims", ("figure", "models", "claim", "verdict", "decided by", "number", "note"), verdicts)]
 
 
-def list_claims(claims: Sequence[Claim]) -> list[Json]:
+class ClaimListing(TypedDict):
+    """A claim as ``study.json`` has it."""
+
+    figure: int
+    models: str
+    text: str
+    held: bool
+    decides: str
+    value: float | None
+    note: str
+
+
+def list_claims(claims: Sequence[Claim]) -> list[ClaimListing]:
     """Claims for ``--json``."""
-    return [dict(vars(claim)) for claim in claims]
+    return [
+        {
+            "figure": claim.figure,
+            "models": claim.models,
+            "text": claim.text,
+            "held": claim.held,
+            "decides": claim.decides,
+            "value": claim.value,
+            "note": claim.note,
+        }
+        for claim in claims
+    ]
 
 
 def _reference_table(beam: LadderBeam) -> Table:

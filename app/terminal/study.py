@@ -1,26 +1,27 @@
 """A study on the terminal, as CSV and as JSON: progress, its table, orders of convergence; with a truth, error beside cost."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 from rich.console import Console
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_remarks, print_table, spaced
+from headstock.app.terminal.ladder import ClaimListing
 from headstock.app.texts.error_texts import show_bound, show_bounded
-from headstock.app.texts.tables import PlainTable, encode_csv
-from headstock.pipeline.storage.json_texts import Json
-from headstock.scene.reading.watch_paths import MEASURED_NAMES
+from headstock.app.texts.tables import Cell, PlainTable, encode_csv
+from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.scene.reading.files import TomlValue
+from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
 from headstock.scene.studies import describe_point, list_varied, shorten_key, show_value
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, weigh_costs
-from headstock.studies.parameters.records import POINTS_FILE, StudyRecord
+from headstock.studies.parameters.records import POINTS_FILE, Measured, StudyRecord
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import (
     SizeSeries,
     StudyRow,
     StudyTable,
-    is_number,
     median_seconds,
     series_title,
     shorten_columns,
@@ -79,14 +80,17 @@ def digit_words(points: Sequence[CostPoint]) -> list[str]:
                 f"{100.0 * bound:g} %: {found.name} ({100.0 * found.error:.2g} %), {found.cpu_seconds[0]:.3g} s of processor time{more}"
             )
         before = found
-    return [*lines, *(_compare(point, points) for point in points if point.automatic), *_spreads(points)]
+    return [
+        *lines,
+        *(_compare(point, point.accuracy["asked"], points) for point in points if point.automatic and point.accuracy),
+        *_spreads(points),
+    ]
 
 
-def _compare(point: CostPoint, points: Sequence[CostPoint]) -> str:
+def _compare(point: CostPoint, asked: float, points: Sequence[CostPoint]) -> str:
     """An automatic choice beside the cheapest of the others that is as good as what it was asked for."""
-    chosen = point.row.record.summary["accuracy"]
-    words = f"automatic, {100.0 * chosen['asked']:g} % asked: off by {100.0 * point.error:.2g} %, {point.cpu_seconds[0]:.3g} s"
-    other = cheapest_within(points, chosen["asked"])
+    words = f"automatic, {100.0 * asked:g} % asked: off by {100.0 * point.error:.2g} %, {point.cpu_seconds[0]:.3g} s"
+    other = cheapest_within(points, asked)
     if other is None:
         return f"{words}; none of the others is that close"
     return f"{words}, {point.cpu_seconds[0] / other.cpu_seconds[0]:.2g} times the cheapest that is close enough ({other.name})"
@@ -121,14 +125,11 @@ def cost_table(points: Sequence[CostPoint]) -> PlainTable:
     return PlainTable("cost", columns, rows)
 
 
-def list_costs(points: Sequence[CostPoint]) -> Json:
-    """The same for ``study.json``."""
+def list_costs(points: Sequence[CostPoint]) -> list[dict[str, Cell]]:
+    """The same for ``study.json``, a row per point."""
     table = cost_table(points)
     rows = [dict(zip(table.headings, row, strict=True)) for row in table.rows]
-    return {
-        "costs": [row | {"error": row["error"] if row["error"] != float("inf") else None} for row in rows],
-        "digits": digit_words(points),
-    }
+    return [row | {"error": row["error"] if row["error"] != float("inf") else None} for row in rows]
 
 
 def print_progress(progress: StudyProgress) -> None:
@@ -214,7 +215,56 @@ def study_csv(table: StudyTable) -> bytes:
     return encode_csv(PlainTable("study", ("family", *heads, *columns, *timing), rows))
 
 
-def list_study(table: StudyTable, scene: Path) -> Json:
+class RowListing(TypedDict):
+    """A point of a study; seconds have an item per repeat, ``missing`` says which watched paths led nowhere."""
+
+    family: str
+    varied: dict[str, TomlValue]
+    status: Literal["done", "failed"]
+    error: str
+    values: dict[str, Watched]
+    missing: list[str]
+    measured: Measured
+    seconds: list[float]
+    cpu_seconds: list[float]
+    threads: int
+    ranks: int
+    cached_stages: int
+
+
+class SeriesListing(TypedDict):
+    """A watched number over the sizes of a mesh, and where it goes."""
+
+    column: str
+    family: str
+    others: dict[str, TomlValue]
+    sizes_m: list[float]
+    values: list[float]
+    order: float | None
+    extrapolated: float | None
+    finest_error: float | None
+    remark: str
+
+
+class StudyListing(TypedDict):
+    """The content of ``study.json``: claims where there is a published reference, costs where there is a truth."""
+
+    scene: str
+    study: str
+    reference: str | None
+    store: Literal["cold", "warm"]
+    repeats: int
+    timing: str
+    rows: list[RowListing]
+    orders: list[SeriesListing]
+    claims: NotRequired[list[ClaimListing]]
+    own_claims: NotRequired[list[ClaimListing]]
+    costs: NotRequired[list[dict[str, Cell]]]
+    digits: NotRequired[list[str]]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def list_study(table: StudyTable, scene: Path) -> StudyListing:
     """Everything a study shows, for ``--json``."""
     return {
         "scene": scene.name,
@@ -228,7 +278,7 @@ def list_study(table: StudyTable, scene: Path) -> Json:
     }
 
 
-def _list_row(row: StudyRow) -> Json:
+def _list_row(row: StudyRow) -> RowListing:
     record = row.record
     return {
         "family": record.family,
@@ -246,7 +296,7 @@ def _list_row(row: StudyRow) -> Json:
     }
 
 
-def _list_series(series: SizeSeries) -> Json:
+def _list_series(series: SizeSeries) -> SeriesListing:
     found = series.extrapolation
     return {
         "column": series.column,
@@ -261,7 +311,7 @@ def _list_series(series: SizeSeries) -> Json:
     }
 
 
-def _timing_cells(record: StudyRecord) -> tuple[Any, ...]:
+def _timing_cells(record: StudyRecord) -> tuple[Cell, ...]:
     wall, cpu = median_seconds(record), median_seconds(record, "cpu_seconds")
     spent = (wall[0], wall[1]) if wall else (None, None)
     return (*spent, cpu[0] if cpu else None, record.threads, record.ranks, record.cached_stages, record.status, record.error)
@@ -298,8 +348,8 @@ def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
         measured = median_seconds(row.record, column)
         if measured is None or repeats < 2:
             return f"{value:.3g}"
-        return f"{show_bounded(value, measured[1] / 2.0)} {show_bound(value, measured[1] / 2.0)}"
-    return f"{value:.{DIGITS}g}" if is_number(value) and not isinstance(value, int) else str(value)
+        return f"{show_bounded(measured[0], measured[1] / 2.0)} {show_bound(measured[0], measured[1] / 2.0)}"
+    return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
 
 
 def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
@@ -318,6 +368,6 @@ def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
     print_table(console, "Order of convergence by the three finest meshes, and Richardson's extrapolation", table)
 
 
-def _span(numbers: Any) -> str:
+def _span(numbers: Iterable[int]) -> str:
     known = sorted(set(numbers))
     return "-" if not known else f"{known[0]}" if len(known) == 1 else f"{known[0]} to {known[-1]}"

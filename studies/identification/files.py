@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
-from headstock.scene.reading.keys import write_number, written_unit
+from headstock.scene.reading.keys import value_at, write_number, written_unit
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
 from headstock.studies.identification.descent import StartRecord
@@ -21,7 +22,86 @@ _SCALES = {"frequency": 1.0, "compliance": 1e9}
 _UNITS = {"frequency": "Hz", "compliance": "um/kN"}
 
 
-def summarise_identification(found: Identification) -> Json:
+class ParameterSummary(TypedDict):
+    """A fitted parameter in its unit; None for what is open or was not given."""
+
+    unit: str
+    value: float | None
+    low_95: float | None
+    high_95: float | None
+    start: float | None
+    prior: float | None
+    bounds: list[float | None]
+    prior_sigma: float | None
+    scale: Literal["log", "linear"]
+    seen_by_data: float
+    at_bound: str | None
+
+
+class UnobservableSummary(TypedDict):
+    """A direction of the parameters that the data do not see: shares by parameter, and its spread over the one allowed before."""
+
+    direction: dict[str, float]
+    text: str
+    spread_over_allowed: float | None
+
+
+class CorrelationSummary(TypedDict):
+    """Two parameters that the data hardly tell apart."""
+
+    parameters: list[str]
+    correlation: float
+
+
+class OutcomeSummary(TypedDict):
+    """A target beside the fitted model."""
+
+    case: str
+    name: str
+    kind: str
+    unit: str
+    measured: float
+    model: float
+    deviation: float
+    residual_sigma: float
+    mac: float | None
+    mode: int | None
+    hold_out: bool
+
+
+class StartSummary(TypedDict):
+    """A start of the fit: what it took, how it ended, and the parameters there."""
+
+    sum_of_squares: float | None
+    evaluations: int
+    refused_evaluations: int
+    exchanges_of_modes: int
+    converged: bool
+    reason: str
+    kept: bool
+    start: dict[str, float]
+    end: dict[str, float] | None
+
+
+class IdentificationSummary(TypedDict):
+    """The content of ``identification.json``; keys are by variant, the scene as written under an empty name."""
+
+    name: str
+    status: Literal["converged", "not converged"]
+    parameters: dict[str, ParameterSummary]
+    unobservable: list[UnobservableSummary]
+    correlated: list[CorrelationSummary]
+    targets: list[OutcomeSummary]
+    extra_modes_hz: dict[str, list[float]]
+    noise_over_tolerance: float | None
+    degrees_of_freedom: float
+    starts: list[StartSummary]
+    keys: dict[str, dict[str, str | float]]
+    seconds: NotRequired[float]
+    provenance: NotRequired[ProvenanceSummary]
+
+
+def summarise_identification(found: Identification) -> IdentificationSummary:
     """Everything that was found, as JSON holds it."""
     names = [item.parameter.name for item in found.parameters]
     correlations = found.statistics.correlations
@@ -89,17 +169,12 @@ def _entries(values: Mapping[KeyPath, str | float]) -> list[str]:
     return [f'"{show_key(key)}" = ' + (f'"{value}"' if isinstance(value, str) else repr(value)) for key, value in values.items()]
 
 
-def _has(raw: Mapping[str, Any], key: KeyPath) -> bool:
+def _has(raw: TomlTable, key: KeyPath) -> bool:
     """Whether the scene as written holds a key, and not as rigid."""
-    place: Any = raw
-    for part in key:
-        inside = (
-            part in place if isinstance(place, dict) else isinstance(place, list) and isinstance(part, int) and part < len(place)
-        )
-        if not inside:
-            return False
-        place = place[part]
-    return bool(place != "rigid")
+    try:
+        return value_at(raw, key) != "rigid"
+    except KeyError:
+        return False
 
 
 def _describe(item: FittedParameter) -> str:
@@ -110,12 +185,15 @@ def _describe(item: FittedParameter) -> str:
     return f"{item.parameter.name} = {value}, 95 % interval {write_number(item.low, unit, 4)} .. {write_number(item.high, unit, 4)}"
 
 
-def _summarise_parameter(item: FittedParameter) -> Json:
+def _summarise_parameter(item: FittedParameter) -> ParameterSummary:
     parameter = item.parameter
-    numbers = {"value": item.value, "low_95": item.low, "high_95": item.high, "start": parameter.start, "prior": parameter.prior}
     return {
         "unit": parameter.unit,
-        **{name: _in_unit(value, parameter.unit) for name, value in numbers.items()},
+        "value": _in_unit(item.value, parameter.unit),
+        "low_95": _in_unit(item.low, parameter.unit),
+        "high_95": _in_unit(item.high, parameter.unit),
+        "start": _in_unit(parameter.start, parameter.unit),
+        "prior": _in_unit(parameter.prior, parameter.unit),
         "bounds": [_in_unit(parameter.lower, parameter.unit), _in_unit(parameter.upper, parameter.unit)],
         "prior_sigma": parameter.prior_sigma,
         "scale": "log" if parameter.logarithmic else "linear",
@@ -124,7 +202,7 @@ def _summarise_parameter(item: FittedParameter) -> Json:
     }
 
 
-def _summarise_outcome(item: TargetOutcome) -> Json:
+def _summarise_outcome(item: TargetOutcome) -> OutcomeSummary:
     scale = _SCALES[item.kind]
     return {
         "case": item.case,
@@ -141,7 +219,7 @@ def _summarise_outcome(item: TargetOutcome) -> Json:
     }
 
 
-def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> Json:
+def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> StartSummary:
     return {
         "sum_of_squares": _finite(2.0 * record.cost),
         "evaluations": record.evaluations,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -174,13 +174,25 @@ def _read_parameter(name: str, table: ParameterTable, targets: list[_Target], fi
         logarithmic=table.scale == "log",
         dimension=dimension,
         unit="" if example is None else example.unit,
-        **values,
+        lower=values.lower,
+        upper=values.upper,
+        start=values.start,
+        prior=values.prior,
+        prior_sigma=values.prior_sigma,
     )
 
 
-def _read_values(
-    key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings
-) -> dict[str, Any] | None:
+class _Values(NamedTuple):
+    """Bounds, start and prior of a parameter, SI; see :class:`Parameter`."""
+
+    lower: float
+    upper: float
+    start: float
+    prior: float | None
+    prior_sigma: float | None
+
+
+def _read_values(key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings) -> _Values | None:
     """Bounds, start and prior, or None where one of them has another dimension."""
     given = {("bounds", 0): table.bounds[0], ("bounds", 1): table.bounds[1], ("start",): table.start, ("prior",): table.prior}
     wrong = [(place, item) for place, item in given.items() if item is not None and item.dimension != dimension]
@@ -208,7 +220,7 @@ def _read_values(
             findings.add((*key, written), f"{owner} {value:g} {unit} lies outside the bounds {lower:g} to {upper:g} {unit}{remedy}")
     sigma = _read_sigma(key, table, dimension, findings)
     prior = None if sigma is None else reference if table.prior is None else table.prior.value
-    return {"lower": lower, "upper": upper, "start": start, "prior": prior, "prior_sigma": sigma}
+    return _Values(lower, upper, start, prior, sigma)
 
 
 def _read_sigma(key: KeyPath, table: ParameterTable, dimension: Dimension, findings: Findings) -> float | None:

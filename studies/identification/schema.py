@@ -1,5 +1,6 @@
 """Schema of a target file: what was measured in which variants and poses, and which scene keys may be fitted to it."""
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -38,7 +39,7 @@ def _read_any(value: object) -> Quantity:
         raise problem(str(error)) from error
 
 
-def _read_spread(*others: units.Dimension) -> Any:
+def _read_spread(*others: units.Dimension) -> Callable[[object], Quantity]:
     def read(value: object) -> Quantity:
         try:
             found = value if isinstance(value, Quantity) else parse_quantity(value, units.RATIO, *others)

@@ -4,9 +4,9 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from headstock.scene.reading.watch_paths import MEASURED_NAMES
+from headstock.pipeline.results.accuracy import AccuracySummary
+from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
 from headstock.scene.studies import TRUTH, StudyFamily, list_varied, show_value
 from headstock.studies.parameters.tables import StudyRow, StudyTable, is_number, median_seconds
 
@@ -33,6 +33,7 @@ class CostPoint:
         best: Nothing computed is both cheaper in processor time and closer.
         automatic: Its settings were chosen for an accuracy.
         other_model: Its error is none but a spread of the model.
+        accuracy: What became of the accuracy that was asked for; None where settings are given.
     """
 
     row: StudyRow
@@ -48,6 +49,7 @@ class CostPoint:
     best: bool = False
     automatic: bool = False
     other_model: bool = False
+    accuracy: AccuracySummary | None = None
 
     @property
     def competes(self) -> bool:
@@ -92,10 +94,10 @@ def cheapest_within(points: Sequence[CostPoint], error: float) -> CostPoint | No
     return min(good, key=lambda point: point.cpu_seconds[0]) if good else None
 
 
-def _weigh(row: StudyRow, exact: dict[str, Any], family: StudyFamily) -> CostPoint | None:
+def _weigh(row: StudyRow, exact: dict[str, float], family: StudyFamily) -> CostPoint | None:
     record = row.record
     wall, spent = median_seconds(record), median_seconds(record, "cpu_seconds")
-    if record.status != "done" or wall is None or spent is None:
+    if record.status != "done" or record.summary is None or wall is None or spent is None:
         return None
     errors = {column: _relative(row.values.get(column), value) for column, value in exact.items()}
     if not errors:
@@ -118,6 +120,7 @@ def _weigh(row: StudyRow, exact: dict[str, Any], family: StudyFamily) -> CostPoi
         memory_known=bool(record.peak_mb),
         automatic=any(key == ACCURACY or key.startswith(f"{ACCURACY}.") for key in keys),
         other_model=family.other_model,
+        accuracy=record.summary.get("accuracy"),
     )
 
 
@@ -127,6 +130,6 @@ def _name_point(row: StudyRow, family: StudyFamily) -> str:
     return ", ".join([*([family.name.replace("_", " ")] if family.name else []), *list_varied(telling or varied)])
 
 
-def _relative(value: Any, exact: float) -> float:
+def _relative(value: Watched, exact: float) -> float:
     """Relative error; inf for a number that a run has not found."""
     return abs(value / exact - 1.0) if is_number(value) and exact else math.inf

@@ -6,14 +6,24 @@ Lines of points that are no longer asked for stay and are used again when they a
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
-from headstock.pipeline.storage.json_texts import Json
+from headstock.scene.reading.files import TomlValue
 
 POINTS_FILE = "points.jsonl"
 FORMAT = 1
 POINTS = JournalForm(b'{"key":', lines=True)
+
+
+class Measured(TypedDict, total=False):
+    """What a study with a reference makes of a point's results: kind of the model, its dofs, quantities and the MAC of modes."""
+
+    kind: str
+    ndof: int
+    values: dict[str, float]
+    macs: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +36,8 @@ class StudyRecord:
         varied: Dotted key to the value it has here.
         status: ``failed`` when anything asked for could not be computed.
         error: Why, in the program's own words.
-        summary: Content of ``summary.json``; empty where the point failed before.
-        measured: What a study with a reference made of the results besides.
+        summary: Content of ``summary.json`` without its files; None where the point failed before.
+        measured: Empty in studies without a reference.
         seconds: Wall-clock time of each repeat [s].
         cpu_seconds: Processor time of each repeat, child processes and threads included [s].
         peak_mb: Most resident memory of this process in each repeat [MB]; empty where nobody could look.
@@ -39,11 +49,11 @@ class StudyRecord:
 
     key: str
     family: str
-    varied: dict[str, Any]
+    varied: dict[str, TomlValue]
     status: Literal["done", "failed"]
     error: str = ""
-    summary: Json = field(default_factory=dict)
-    measured: Json = field(default_factory=dict)
+    summary: RunSummary | None = None
+    measured: Measured = field(default_factory=lambda: Measured())
     seconds: tuple[float, ...] = ()
     cpu_seconds: tuple[float, ...] = ()
     peak_mb: tuple[float, ...] = ()
@@ -75,7 +85,8 @@ def append_record(journal: Journal, record: StudyRecord) -> None:
     Raises:
         OutputError: The disk is full or the folder is gone; finished points before it are untouched.
     """
-    journal.append(json.dumps(asdict(record), allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode())
+    line = asdict(record) | {"summary": record.summary or {}}
+    journal.append(json.dumps(line, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode())
 
 
 def _read_line(line: bytes) -> StudyRecord | None:
@@ -84,6 +95,7 @@ def _read_line(line: bytes) -> StudyRecord | None:
         entry = json.loads(line)
         if entry.pop("format") != FORMAT:
             return None
+        entry["summary"] = entry["summary"] or None
         entry |= {name: tuple(entry[name]) for name in ("seconds", "cpu_seconds", "peak_mb")}
         return StudyRecord(**entry)
     except (ValueError, TypeError, KeyError, AttributeError):

@@ -24,23 +24,24 @@ from headstock.pipeline.storage.content_keys import (
     file_digests,
     library_versions,
 )
-from headstock.pipeline.storage.json_texts import Json
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.studies import TRUTH, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.ranks import share_from_root
-from headstock.studies.parameters.records import StudyRecord, append_record, open_records, read_records
+from headstock.studies.parameters.records import Measured, StudyRecord, append_record, open_records, read_records
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # of no influence on a point's results
 IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 ElementKind = tuple[str, str, int]  # fidelity, cells, order
-Measure = Callable[[Scene, Results], Json]
+Measure = Callable[[Scene, Results], Measured]
 
 
 def blames_surroundings(error: BaseException) -> bool:
@@ -75,7 +76,7 @@ class StudyJob:
 
     path: Path
     study: Study
-    raw: Json
+    raw: TomlTable
     content: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
@@ -176,7 +177,7 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     content = {
         "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
         "files": dict(file_digests(job.path.parent, job.raw)),
-        "variant": [job.raw["variants"][name] for name in split_variant(point.variant or None)],
+        "variant": [read_entries(job.raw, "variants")[name] for name in split_variant(point.variant or None)],
         "settings": dict(point.settings),
         "analyses": sorted(point.analyses),
         "timing": (job.study.cold, job.study.repeats, ranks) if job.study.cold or job.study.repeats > 1 else None,
@@ -231,13 +232,14 @@ def _compute_point(
         return replace(record, status="failed", error=f"{type(error).__name__}: {error}"), named
     if comm.rank > 0:
         return record, None
-    summary = {key: value for key, value in summarise(results).items() if key != "files"}
+    summary = summarise(results)
+    summary.pop("files", None)
     finished = replace(
         record,
         status="failed" if results.failures else "done",
         error="; ".join(results.failures),
         summary=summary,
-        measured=job.measure(scene, results) if job.measure else {},
+        measured=job.measure(scene, results) if job.measure else Measured(),
         seconds=tuple(cost.seconds for cost in costs),
         cpu_seconds=tuple(cost.cpu_seconds for cost in costs),
         peak_mb=tuple(peaks),

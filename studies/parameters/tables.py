@@ -4,12 +4,13 @@ import re
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeGuard
 
 from scipy.optimize import brentq
 
+from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
-from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch, read_watch
+from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched, WatchError, parse_watch, read_watch
 from headstock.scene.studies import Study, StudyFamily, show_value
 from headstock.studies.parameters.records import StudyRecord
 
@@ -88,7 +89,7 @@ class StudyRow:
     """
 
     record: StudyRecord
-    values: dict[str, Any]
+    values: dict[str, Watched]
     problems: tuple[str, ...] = ()
 
 
@@ -107,7 +108,7 @@ class SizeSeries:
 
     column: str
     family: str
-    others: dict[str, Any]
+    others: dict[str, TomlValue]
     sizes: tuple[float, ...]
     values: tuple[float, ...]
     extrapolation: Extrapolation
@@ -166,7 +167,7 @@ class _Number:
 _ABSENT = _Number(None, "")
 
 
-def _read_number(value: Any) -> _Number | None:
+def _read_number(value: TomlValue) -> _Number | None:
     if is_number(value):
         return _Number(value, "")
     try:
@@ -182,13 +183,13 @@ def median_seconds(record: StudyRecord, name: str = "seconds") -> tuple[float, f
     return (statistics.median(repeats), max(repeats) - min(repeats)) if repeats else None
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> TypeGuard[int | float]:
     """A number to compute with; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _make_row(study: Study, record: StudyRecord) -> StudyRow:
-    values: dict[str, Any] = {}
+    values: dict[str, Watched] = {}
     problems: list[str] = []
     for text in study.watch:
         path = parse_watch(text)
@@ -233,20 +234,20 @@ def _size_keys(family: StudyFamily) -> list[str]:
     return keys[:1] if together else []
 
 
-def _others(row: StudyRow, family: StudyFamily, key: str) -> dict[str, Any]:
+def _others(row: StudyRow, family: StudyFamily, key: str) -> dict[str, TomlValue]:
     return {} if family.pairwise else {other: value for other, value in row.record.varied.items() if other != key}
 
 
 def _make_series(column: str, key: str, family: StudyFamily, group: Sequence[StudyRow]) -> SizeSeries | None:
     # counts (dofs, stages) are whole numbers and converge to nothing
-    pairs = {_read_size(row.record.varied[key]): row.values[column] for row in group if isinstance(row.values.get(column), float)}
+    pairs = {_read_size(row.record.varied[key]): value for row in group if isinstance(value := row.values.get(column), float)}
     if len(pairs) < LEAST_SIZES:
         return None
     sizes, values = tuple(pairs), tuple(pairs.values())
     return SizeSeries(column, family.name, _others(group[0], family, key), sizes, values, extrapolate_values(sizes, values))
 
 
-def _read_size(value: Any) -> float:
+def _read_size(value: TomlValue) -> float:
     return parse_quantity(value, LENGTH).value
 
 

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.results.results import Results
 from headstock.scene.scene import Scene
-from headstock.studies.parameters.records import StudyRecord
+from headstock.studies.parameters.records import Measured, StudyRecord
 from headstock.studies.parameters.tables import median_seconds
 from headstock.validation.ladder.references import FORCE, MOMENT, OFFSET, UM, Group, LadderBeam, ladder_beam
 from headstock.validation.ladder.theory_shapes import find_theory_shapes, read_shape, section_motions
@@ -54,7 +54,7 @@ class LadderPoint:
     cpu_seconds: float
 
 
-def measure_beam(reference: str, scene: Scene, results: Results) -> dict[str, Any]:
+def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     """What a scene's results say about a beam, for the record of a study's point.
 
     Args:

@@ -5,7 +5,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from mpi4py import MPI
@@ -94,7 +94,7 @@ def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
     """One compliance after the other beside elastic legs, each fitted to all twelve frequencies: which could be the missing one."""
     case, rows = "tripteor-compliances", []
     with COMPLIANCES.open("rb") as file:
-        candidates: dict[str, Any] = tomllib.load(file)
+        candidates: dict[str, ComplianceCandidate] = tomllib.load(file)
     for name, entry in candidates.items():
         settings = (*entry["set"], *(f"{key}={value}" for key, value in _leg_settings(entry).items()))
         tripteor = load_legs(entry["variant"], settings)
@@ -112,7 +112,18 @@ def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
     return rows
 
 
-def _leg_settings(entry: dict[str, Any]) -> dict[str, str]:
+class ComplianceCandidate(TypedDict):
+    """A table of ``tripteor_compliances.toml``; a tube is its outer and inner diameter, ``tube_3`` where leg 3 differs."""
+
+    what: str
+    variant: str
+    set: list[str]
+    tip: str
+    tube: NotRequired[list[str]]
+    tube_3: NotRequired[list[str]]
+
+
+def _leg_settings(entry: ComplianceCandidate) -> dict[str, str]:
     """Tube, springs at its tip and screw of a candidate, for every leg."""
     found = {}
     for leg in (1, 2, 3):
