@@ -1,6 +1,7 @@
 """Second-order tets raised from straight ones and repaired where inverted; serendipity hexes completed to full ones."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, IntArray
@@ -52,7 +53,7 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
 
 
 def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> bool:
-    """Whether every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh.
+    """Whether every cell of a mesh is straight, see ``straight_cells``.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -60,18 +61,28 @@ def is_straight(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: 
         kind: Of the cells.
         tolerance: Share of the size of the mesh.
     """
-    if cell_order(kind) == 1:
-        return True
-    family = cell_family(kind)
-    groups: list[tuple[int, ...]] = list(EDGES[family])
-    if kind == "hex27":
-        groups += [*FACETS[family], tuple(range(8))]
-    limit = tolerance * float(np.ptp(points, axis=0).max())
-    first = corner_count(kind)
-    return all(
-        float(np.abs(points[cells[:, first + i]] - points[cells[:, list(group)]].mean(axis=1)).max()) <= limit
-        for i, group in enumerate(groups)
-    )
+    return bool(straight_cells(points, cells, kind, tolerance).all())
+
+
+def straight_cells(points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12) -> NDArray[np.bool_]:
+    """Cells ``(n_cells,)`` whose every mid-node sits at the mean of its corners, to ``tolerance`` times the size of the mesh.
+
+    Args:
+        points: Nodes, ``(n, 3)`` [m].
+        cells: Nodes of each cell, ``(n_cells, k)``.
+        kind: Of the cells.
+        tolerance: Share of the size of the mesh.
+    """
+    away = np.zeros(len(cells))
+    if cell_order(kind) > 1:
+        family, first = cell_family(kind), corner_count(kind)
+        groups: list[tuple[int, ...]] = list(EDGES[family])
+        if kind == "hex27":
+            groups += [*FACETS[family], tuple(range(8))]
+        for i, group in enumerate(groups):
+            middle = points[cells[:, list(group)]].mean(axis=1)
+            away = np.maximum(away, np.abs(points[cells[:, first + i]] - middle).max(axis=1))
+    return np.asarray(away <= tolerance * float(np.ptp(points, axis=0).max()))
 
 
 def _cells_of_nodes(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:

@@ -26,7 +26,7 @@ from headstock.reduction.coupling.dof_layout import turn_dofs
 
 VOLUME_FOLDER = "volume"
 # loaded only where volumes are asked for: it needs the element library
-STRESS_MODULE = "headstock.solvers.elastic.discretisation_error"
+STRESS_MODULE = "headstock.solvers.elastic.patch_recovery"
 CELLS_AT_ONCE = 20_000
 VTK_KINDS: dict[CellKind, int] = {"tet4": 10, "tet10": 24, "hex8": 12, "hex20": 25, "hex27": 29}
 _HEX20 = [*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]

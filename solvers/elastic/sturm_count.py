@@ -1,4 +1,4 @@
-"""How many natural frequencies lie below a given one, from the signs of the pivots of a factorisation: no mode can hide."""
+"""The number of natural frequencies below a given one, from the signs of the pivots of a factorisation (Sturm count)."""
 
 import numpy as np
 import scipy.sparse
