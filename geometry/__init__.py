@@ -1,1 +1,1 @@
-"""What a machine is: frames, materials, solids, interfaces, joints, axes and poses (numpy only)."""
+"""What a machine is: frames, parts, joints, axes, poses, closed loops; numpy only. Never meshes, finite element matrices or files."""

@@ -1,7 +1,4 @@
-"""The state space of a machine in a pose, as a file for MATLAB.
-
-One component of a scene as a superelement file that other scenes can read.
-"""
+"""Files for other programs and scenes: a component as a superelement file, and the state space of a machine for MATLAB."""
 
 import dataclasses
 import io

@@ -1,1 +1,1 @@
-"""What a user writes, until it is a `Scene`. Never meshing, reduction or a run."""
+"""What a user writes, until it is a checked ``Scene``. Never meshing, reduction or a run."""

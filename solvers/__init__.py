@@ -1,1 +1,4 @@
-"""Elasticity operators, factorisations, eigenproblems and the analyses of any second-order system (the only users of dolfinx, PETSc and SLEPc)."""
+"""Mathematics of systems: finite elements, responses, control, paths, mechanisms, milling; the only users of dolfinx, PETSc and SLEPc.
+
+Never scenes, superelements or files of results.
+"""

@@ -1,1 +1,4 @@
-"""Closed forms, reference values and the cases that hold the numbers to them."""
+"""Closed forms, published values and independent methods, and the cases that compare Headstock with them.
+
+Never imported by anything but app and tests.
+"""

@@ -1,1 +1,1 @@
-"""What each command does. Never the spelling of an option."""
+"""What each command does, from its parsed options to an exit code. Never the spelling of an option or the drawing of anything."""

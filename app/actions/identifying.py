@@ -1,4 +1,4 @@
-"""``headstock identify``: numbers of a scene fitted to what was measured, what is known of them, and what the data do not see."""
+"""``headstock identify``: numbers of a scene fitted to measurements, with intervals and directions that the data leave open."""
 
 import dataclasses
 import math

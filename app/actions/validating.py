@@ -1,4 +1,4 @@
-"""``headstock validate``: numbers held against their references, one section per case, notes below the numbers they belong to."""
+"""``headstock validate``: numbers compared with their references, one section per case, notes below the numbers they belong to."""
 
 import contextlib
 import importlib

@@ -1,1 +1,1 @@
-"""Signatures and help texts of the commands; nothing heavy is imported at the top. Never work."""
+"""Signatures and help texts of the commands; heavy modules are imported inside them. Never the work itself."""

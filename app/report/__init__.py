@@ -1,1 +1,1 @@
-"""The HTML pages with their SVG, templates and viewer. Never the terminal."""
+"""The HTML pages of runs, sweeps and comparisons, with their SVG plots, templates and 3D viewer. Never the terminal."""

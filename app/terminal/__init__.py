@@ -1,1 +1,1 @@
-"""The screen: console, progress, exit codes, one listing per kind of study. Never files."""
+"""The screen: console, progress, exit codes, and one listing per kind of result. Never a file of results."""

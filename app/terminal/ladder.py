@@ -1,4 +1,4 @@
-"""What a ladder shows: its references, how much model which accuracy takes, and the paper's claims held or not held."""
+"""The fidelity series of a beam on the terminal: references, dofs needed for an accuracy, and which statements of the paper hold."""
 
 import math
 from collections.abc import Sequence

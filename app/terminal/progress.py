@@ -1,4 +1,4 @@
-"""How long stages go on, for whoever waits: a bar on a terminal, a line now and then in a log, nothing for what is quick."""
+"""Progress of long stages: a bar on a terminal, a line every 15 to 30 s in a log, nothing for short ones."""
 
 import contextlib
 import os

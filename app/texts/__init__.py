@@ -1,1 +1,1 @@
-"""Words and rows without a screen: ± texts, CSV tables, mapped quantities. Never colours or pictures."""
+"""Texts and table rows that terminal, report and CSV files share: values with ±, quantities, units. Never colours or pictures."""

@@ -1,1 +1,1 @@
-"""Settings searched for a stated accuracy. Never printing."""
+"""Meshes and modes chosen for a stated accuracy, round by round. Never the error estimates themselves."""

@@ -1,6 +1,6 @@
-"""What a scene asks for as a list of numbers with relative errors, and who owns the largest.
+"""The numbers that a scene asks for, with their relative errors, and which component and source own the largest.
 
-How good the estimates of meshes are for one machine: two rounds with different meshes say how far its numbers still move.
+Two rounds with different meshes say how good the estimates are for one machine: how far its numbers still move.
 """
 
 import dataclasses

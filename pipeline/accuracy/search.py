@@ -1,6 +1,6 @@
-"""The cheapest settings for a stated accuracy: start cheap, refine what owns the largest error, take the rest from the store.
+"""The search for the cheapest settings of a stated accuracy: start cheap, refine what owns the largest error, reuse the rest.
 
-What a scene with an accuracy calls for, as far as can be said before its first round.
+The plan of its first round says beforehand what a scene with an accuracy calls for, as far as that is known.
 """
 
 import dataclasses

@@ -1,1 +1,1 @@
-"""The plan of a run, what it costs beforehand and what the machine has. Never the work itself."""
+"""The plan of a run, its cost in dofs, memory and time, and what the machine has of them. Never the work itself."""

@@ -1,6 +1,6 @@
-"""Peak memory of a piece of work, watched by another process: some kernels let no process forget its own peak.
+"""Wall time, processor time and peak memory of a piece of work.
 
-Time and memory of a piece of work.
+Another process watches the memory: some kernels let no process reset the record of its own peak.
 """
 
 import contextlib

@@ -1,1 +1,1 @@
-"""What a run found: types, summary, results.h5, views, mode files. Never computing it."""
+"""What a run found: the types, ``summary.json``, ``results.h5``, views and mode files. Never how it is computed."""

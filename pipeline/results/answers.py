@@ -1,4 +1,4 @@
-"""What every answer of an analysis can do, whatever it holds; how it reads in ``summary.json`` its own ``summarise`` says."""
+"""The interface of every answer of an analysis; how it reads in ``summary.json`` its own ``summarise`` says."""
 
 from collections.abc import Iterable
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""How far a number may be off: an estimate in shares, one per source of error."""
+"""Error estimates of a number: a half width in parts, one per source of error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Where a closed-loop mechanism stands in a pose, as a result."""
+"""Positions of a closed-loop mechanism in a pose, as a result."""
 
 from dataclasses import dataclass
 from typing import TypedDict

@@ -1,4 +1,4 @@
-"""What a run found."""
+"""``Results``: everything that a run found, with its warnings, costs and provenance."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""How results read as ``summary.json``."""
+"""``summary.json``: what a run found as one typed mapping, and its text."""
 
 import math
 from typing import Literal, NotRequired, TypedDict

@@ -1,1 +1,1 @@
-"""One file per kind of stage, and the state that they hand on. Never the order of stages or many poses."""
+"""One file per kind of stage, and the state that stages hand on. Never the order of stages, nor many poses at once."""

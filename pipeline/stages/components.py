@@ -1,6 +1,6 @@
 """The stages that turn one component into a superelement: mesh, reduce, rigid, segment, load.
 
-Superelements in the store: one that holds more than is asked for serves, cut down to what was asked.
+Of a superelement in the store that holds more than is asked for, the part asked for is taken.
 """
 
 import dataclasses

@@ -1,7 +1,6 @@
-"""A contour on a lumped mechanism from its request: path, drives, forces and motion.
+"""The contouring stage: a square contour milled on a lumped mechanism, with path, drive forces, motion and the tool's deviation.
 
-Stability of the cut on each face of a contour: the largest multiplier there, and the depth of cut at which chatter starts. The
-stage that contours a block with a lumped mechanism.
+For each face also the stability of the cut: the largest Floquet multiplier, and the depth of cut at which chatter starts.
 """
 
 import dataclasses

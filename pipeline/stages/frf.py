@@ -1,6 +1,6 @@
-"""The frequency response stage. Only rank 0 has anything to do.
+"""The frequency response stage, with the errors of its lines and of its figures of stability from meshes and modes left out.
 
-Errors of frequency responses and of what they say about cutting, from meshes and from the modes that components leave out.
+Only rank 0 has anything to do.
 """
 
 import dataclasses

@@ -1,7 +1,4 @@
-"""A map over the poses of a lumped mechanism: modes followed by shape, static stiffness and condition number over a plane or volume.
-
-The stage that maps the workspace of a lumped mechanism.
-"""
+"""The map stage: natural modes tracked by shape, static stiffness and condition number of a lumped mechanism over its workspace."""
 
 from dataclasses import dataclass
 

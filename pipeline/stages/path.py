@@ -1,7 +1,7 @@
-"""What a path is computed with: the machine in a pose of the path, or along it.
+"""The path stage: how far a machine leaves a straight line while its axes accelerate, with ideal motors or drives under control.
 
-The path stage with drives under control: the loop in a pose of the path, judged before any run in time. The path stage: how far
-a machine leaves a straight line while its axes accelerate. Only rank 0 has anything to do.
+The machine is taken in one pose of the path, or as it changes along it. Control loops are judged before any run in time. Only rank 0
+has anything to do.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""What a run has made so far; handed from stage to stage."""
+"""The state of a run: what its stages have made so far and hand on."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,4 @@
-"""Warnings about frequencies near or beyond what a component's reduction or mesh can show.
-
-What a reader of the results should be warned of.
-"""
+"""Warnings to the reader of results: frequencies near or beyond what a reduction or a mesh can show, poor cells, large errors."""
 
 import math
 

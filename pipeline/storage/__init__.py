@@ -1,1 +1,1 @@
-"""Files that are whole or not there: store, keys, records, outputs, JSON. Never what a result means."""
+"""Files that appear whole or not at all: store, keys, records, outputs, JSON. Never what a result means."""

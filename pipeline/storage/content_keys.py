@@ -1,6 +1,6 @@
-"""Keys of the store: SHA-256 of everything a mesh or a superelement depends on, and of nothing else.
+"""Keys of the store: SHA-256 of everything that a mesh or a superelement depends on, and of nothing else.
 
-What results of a scene depend on besides its text: this program's packages, the files of its solids and its measured forces.
+Beside the scene's text these are the code of this program, its libraries, the files of solids and measured forces.
 """
 
 import dataclasses

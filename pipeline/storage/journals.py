@@ -1,4 +1,4 @@
-"""Files that finished records are appended to, each whole, so that what was killed goes on where it was.
+"""Journals: files to which finished records are appended, each whole, so that interrupted work is resumed where it stopped.
 
 A process that dies while it appends leaves a record that ends too early: readers leave it out, the next writer cuts it off.
 """

@@ -1,4 +1,4 @@
-"""Strict JSON: plain lists of finite numbers."""
+"""Strict JSON: lists, mappings, texts and finite numbers, in one layout."""
 
 import json
 from collections.abc import Mapping, Sequence

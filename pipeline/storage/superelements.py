@@ -1,8 +1,7 @@
 """Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of ``Superelement``.
 
-The child process that reads a superelement file first: ``python -m headstock.pipeline.storage.superelements < FILE``.
-
-The HDF5 library has ended whole processes on damaged files; what this process survives, its parent can read.
+A file is first read by a child process, ``python -m headstock.pipeline.storage.superelements < FILE``: the HDF5 library has ended whole
+processes on damaged files, and what the child survives its parent can read.
 """
 
 import io

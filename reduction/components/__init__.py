@@ -1,1 +1,1 @@
-"""One component to one superelement: elastic, rigid, segmented. Never joints or poses."""
+"""One component to one superelement: elastic, rigid or segmented. Never joints or poses."""

@@ -1,4 +1,4 @@
-"""From interfaces to boundary dofs: which nodes are held, which means are prescribed, and what interfaces share."""
+"""From interfaces to boundary dofs: which nodes are fixed, which means are prescribed, and which dofs interfaces share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

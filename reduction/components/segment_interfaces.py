@@ -1,4 +1,4 @@
-"""How the interfaces of a segmented bar hang on its nodes, and how loads on its surface act on them."""
+"""How the interfaces of a segmented bar are tied to its nodes, and how loads on its surface act on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

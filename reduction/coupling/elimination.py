@@ -1,4 +1,4 @@
-"""Elimination of held motions by an orthonormal null space, and coordinates in which stiff springs stand apart from soft ones."""
+"""Elimination of constrained motions by an orthonormal null space, in coordinates that separate stiff springs from compliant ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""What a motion of the machine means: budgets, names, fields, free motions. Never its errors."""
+"""What a motion of the machine means: compliance budgets, names of modes, motions of bodies. Never its errors."""

@@ -1,4 +1,4 @@
-"""How bodies move at the same places whatever they are made of: modes of different models of a machine become comparable."""
+"""Motions of bodies at the same points whatever their models, so that natural modes of different models can be compared."""
 
 import itertools
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""A closed loop whose guides rub (Coulomb, Stribeck, viscous; smooth through zero velocity), with the works of all forces as states."""
+"""A closed loop with friction in its guides (Coulomb, Stribeck, viscous; smooth through zero velocity); the work of each force is a state."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""Any second-order system with dense matrices: static, modal, damped, frequency, time; modes paired and followed. Never finite elements."""
+"""Any second-order system with dense matrices: static, modal, damped, frequency and time response; modes paired and tracked. Never finite elements."""

@@ -1,1 +1,1 @@
-"""Cutting forces, tool paths, stability, regeneration, contouring. Never the structure that they act on."""
+"""Cutting forces, tool paths, stability, regeneration and contouring. Never how the structure under them is modelled."""

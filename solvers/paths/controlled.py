@@ -1,4 +1,4 @@
-"""Deviation from a path of a machine whose motors are under control: what lags, what follows, what sways and what rings."""
+"""Deviation from a path of a machine under control, in parts: following error, quasi-static share, rigid-body response, residual vibration."""
 
 import math
 from collections.abc import Callable, Mapping

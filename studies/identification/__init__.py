@@ -1,1 +1,4 @@
-"""Parameters from measurements: targets, model and slopes, descent, statistics, what it leaves. Never other searches."""
+"""Parameters from measurements: targets, model and derivatives, descent, statistics, the file of the fit.
+
+Never a parameter that is varied without a measurement.
+"""

@@ -1,1 +1,1 @@
-"""`[studies.NAME]`: its points, records, tables and costs. Never poses."""
+"""The studies of a scene, ``[studies.NAME]``: their points, records, tables and costs. Never poses."""

@@ -1,4 +1,4 @@
-"""What a run costs and how far it is off: the points of a study that holds its runs against one of them."""
+"""Cost and error of the runs of a study, against one of its points that counts as the truth."""
 
 import dataclasses
 import math

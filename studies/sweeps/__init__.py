@@ -1,1 +1,1 @@
-"""Poses: runs, journals, results, files, Slurm. Never other parameters."""
+"""The sweeps of a scene, many poses of one machine: runs, journals, results, files, array jobs of Slurm. Never a change of the machine itself."""

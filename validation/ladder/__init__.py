@@ -1,1 +1,1 @@
-"""The series of fidelities of Kono et al.: points, references, statements of the paper. Never other papers."""
+"""The two beams of Kono et al. by models of rising fidelity: points, references, statements of the paper. Never the machine of the paper."""

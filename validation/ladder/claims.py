@@ -1,6 +1,6 @@
-"""Statements about a ladder, held or not held, each with the number that decides it; None where a ladder has no model to decide by.
+"""Statements of Kono, Lorenzer, Weikert and Wegener about their two beams (section 3), each with the number that decides it.
 
-What Kono, Lorenzer, Weikert and Wegener say of their two beams in section 3, and what Headstock's ladder must show besides.
+A few more say what Headstock's own models must show. A statement for which there is no model is None.
 """
 
 import itertools

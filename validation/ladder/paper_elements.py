@@ -1,14 +1,12 @@
-"""Linear hexahedra with bending shapes, as commercial programs have them and Headstock has not: to tell what a paper computed with.
+"""Finite elements as the paper seems to have used them: linear hexahedra with bending shapes, one through the thickness.
 
 Each direction gets a shape ``1 - xi^2`` of its own in each element, condensed out of its stiffness; on rectangular bricks this is
-exact in pure bending. The mass is that of the plain element.
-
-Source: Wilson, Taylor, Doherty and Ghaboussi (1973), Incompatible displacement models.
-
-The paper's own finite elements, as far as its figures tell them: linear hexes with bending shapes, one through the thickness.
+exact in pure bending. The mass is that of the plain element. Commercial programs have such elements, Headstock has not.
 
 The paper names neither its elements nor its meshes. These give every statement it makes on figures 7, 9 and 14, which plain linear
 elements do not: dx(Mc) stays more than 10 % off since one element across the section cannot warp as the section does.
+
+Source: Wilson, Taylor, Doherty and Ghaboussi (1973), Incompatible displacement models.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""What the two beams of Kono et al. are held against: the paper's closed forms, the same with shear, and converged 3D elasticity."""
+"""References of the two beams of Kono et al.: the paper's closed forms, the same with shear, and converged 3D elasticity."""
 
 from dataclasses import dataclass
 from typing import Literal

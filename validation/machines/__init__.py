@@ -1,1 +1,1 @@
-"""Coupled machines: monolithic models, estimates, paths, drives, identification, the axis construction kit. Never closed loops."""
+"""Coupled serial machines against monolithic models, estimates, other integrators and measurements. Never closed loops."""

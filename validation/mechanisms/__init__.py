@@ -1,1 +1,1 @@
-"""The Tripteor and other loops, in absolute coordinates too. Never serial machines."""
+"""The Tripteor and other closed loops, also in absolute coordinates. Never serial machines."""

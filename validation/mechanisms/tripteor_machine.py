@@ -1,4 +1,4 @@
-"""The shipped Tripteor as its equations of motion, for the cases that hold them to second roads."""
+"""Equations of motion of the shipped Tripteor, for the cases that compare them with independent methods."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,1 +1,1 @@
-"""Single components: benchmarks, orders, reduction, and second implementations of them. Never machines."""
+"""Single components: benchmarks, orders of convergence, reduction, and independent implementations of them. Never machines."""

@@ -1,1 +1,1 @@
-"""Values with their source, closed forms, rows of the table. Never a computation by Headstock."""
+"""Reference values with their source, closed forms, and the rows of the table. Never a computation by Headstock."""
