@@ -102,6 +102,8 @@ def _mass_mean(operators: ElasticOperators, supported: BoolArray, middle: FloatA
     weights = operators.apply_mass(ones)[0::3, 0]
     mass = sum_over_ranks(operators.comm, weights.sum(keepdims=True))
     center = sum_over_ranks(operators.comm, weights @ operators.points) / mass
+    # in one unit, the first k columns of Q span the motions that supports leave free, the others those that they prevent. A mean
+    # weighted by mass does not see elastic modes, which are orthogonal to rigid motions in that product
     units, count = scale_motions(operators)[1][:, None], free.shape[1]
     orthogonal = np.linalg.qr(rigid_transfer(middle, center) @ free / units, mode="complete")[0]
     motions = rigid_map(operators.points, center) @ (units * orthogonal[:, :count])
@@ -149,6 +151,8 @@ def find_constraint_modes(basis: BoundaryBasis, means: MeanConstraints, solver: 
     motions, boundary, units = _rigid_part(basis, means, solver)
     if not _follow(boundary, motions, prescribed, targets, solver):
         motions, boundary = motions[:, :0], boundary[:, :0]
+    # boundary dofs in one unit as Q1 r + Q2 e: Q1 spans those of rigid motions, which move the whole component through R^-1 and need
+    # no solve; static shapes are solved for the columns of Q2 alone
     orthogonal, triangle = scipy.linalg.qr(boundary / units[:, None])
     count = boundary.shape[1]
     rigid, elastic = orthogonal[:, :count].T / units, orthogonal[:, count:].T / units

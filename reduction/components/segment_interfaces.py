@@ -145,6 +145,8 @@ def _mean_rows(chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interf
     samples = _sample_surface(chain, solid, interface.patches)
     rigid = rigid_map(samples.points, frame.origin)
     weighted = rigid * np.repeat(samples.areas, 3)[:, None]
+    # least squares over the surface: q = (R^T W R)^-1 R^T W u with u the bar's motion. Rotations are scaled by the radius of gyration so
+    # that the pseudo-inverse judges rank in one unit: a line cannot tell its rotation about itself
     radius = float(np.sqrt(samples.areas @ ((samples.points - frame.origin) ** 2).sum(axis=1) / samples.areas.sum()))
     scale = np.repeat([1.0, 1.0 / radius], 3)
     gram = scale[:, None] * (rigid.T @ weighted) * scale / samples.areas.sum()

@@ -199,6 +199,7 @@ class CoupledSlopes:
         for name, change in slope.rows.items():
             rows, spring = self.pieces.rows[name], self.pieces.springs[name]
             if change.any() and spring.any():
+                # a spring is R^T k R: product rule in R, of which a moved joint changes the rows
                 forces += rows.T @ (spring @ (change @ motions)) + change.T @ (spring @ (rows @ motions))
         return forces, self._component_forces(slope.masses, motions)
 

@@ -85,6 +85,8 @@ class _StiffnessChanges:
             return None
         found: list[ComplexArray] = []
         for part in self._truncated:
+            # sum of lambda^2 p p^T / (omega_k^2 - lambda) over the modes left out, at complex lambda: first moment, and all of the
+            # series' rest as if at the lowest of them (see ``most_participation``)
             moments = part.truncation
             seen = part.rows @ shapes
             found.append(square**2 * (seen.T @ (moments.first + square / (1.0 - square / moments.limit) * moments.second) @ seen))

@@ -102,6 +102,8 @@ class RubbingLoop:
         speeds = self.slides @ state
         slopes = np.array([float(friction_slope(law, speeds[i])) for i, law in enumerate(self.laws)])
         found = np.zeros((len(full), len(full)))
+        # works appear in no rate, so their columns are zero. Their rates are products of states: force times speed by the product rule,
+        # damper power as a quadratic form, friction as its law times speed
         inner, works = found[: self.size, : self.size], found[self.size :, : self.size]
         inner[:] = space.a - (self.drag * slopes) @ self.slides
         rates = self.loop.rates

@@ -145,6 +145,7 @@ def estimate_mesh_errors(
 
 
 def _shape_change(mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray) -> ShapeChange | None:
+    """Energy and mass densities at the surface, times the volume between facets and faces, in products of all fields."""
     if mesh.gaps is None:
         return None
     count = displacement.shape[1]

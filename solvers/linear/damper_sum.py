@@ -84,6 +84,8 @@ class DamperSum:
         factors = np.hstack([self.viscous.factors, roots[:, None] * self.hysteretic.factors])
         strengths = np.concatenate([self.viscous.strengths, self.hysteretic.strengths])
         alone = self.viscous.diagonal + roots**2 * self.hysteretic.diagonal
+        # s^2 + omega^2 + s C is a diagonal D and the r dampers s F S F^T: (D + s F S F^T)^-1 = G - G F (1 + s S F^T G F)^-1 s S F^T G with
+        # G = D^-1, so that r x r systems are solved instead of m x m ones. Structural losses count as viscous of equal loss per cycle
 
         def invert(poles: ComplexArray, columns: ComplexArray) -> ComplexArray:
             dynamic = (poles**2)[:, None] + self.squares + poles[:, None] * alone
@@ -113,6 +115,7 @@ class DamperSum:
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
         found = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
         for line in np.flatnonzero(near.any(axis=1)):
+            # G is nearly infinite for modes near a line: they stay unknowns, and the far ones are eliminated from their equations
             own = np.flatnonzero(near[line])
             local = factors[own]
             forces = np.linalg.solve(coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]]))

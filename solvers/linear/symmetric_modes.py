@@ -142,6 +142,7 @@ def _condense_massless(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatAr
     void = find_null_space(inner)
     if void.dimension:
         raise _void_error(massless, void)
+    # back = E - N (N^T K N)^-1 N^T K E: dofs without inertia follow the others so that no force is left on them
     kept = np.eye(len(mass))[:, free]
     back = kept - null @ cho_solve(cho_factor(inner), null.T @ (stiffness @ kept))
     condensed = (stiffness @ back)[free]

@@ -187,6 +187,8 @@ def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatAr
 
 
 def _inertial_forces(bodies: BodyArrays, placement: Placement, bias: Bias, weighed: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """``Jp^T m a + Jw^T (I alpha + w x I w)`` ``(..., n)`` with the bias accelerations, summed over the bodies."""
+    # heavy is m Jp; turning is Jw in the axes of each body, where its inertia is constant (Newton and Euler)
     heavy, turning = weighed
     arms = _arms(bodies, placement)
     omega, alpha = bias.omega[..., bodies.mark, :], bias.alpha[..., bodies.mark, :]

@@ -123,6 +123,8 @@ def partition_dynamics(
         passive = dynamics.closures[..., mechanism.passive_slice]
         offset[..., mechanism.passive_slice] -= np.linalg.solve(passive, dynamics.closure_bias[..., None])[..., 0]
     applied = dynamics.load + (np.swapaxes(dynamics.tool, -1, -2) @ force[..., None])[..., 0]
+    # all accelerations are offset + Td ddd; the equations of motion times Td^T lose the joint forces, which do no work along Td. What
+    # the drives and the turning joints accelerate by themselves (offset) is a load on the compliant coordinates
     left = np.swapaxes(from_compliant, -1, -2)
     load = (left @ (applied - (dynamics.mass @ offset[..., None])[..., 0])[..., None])[..., 0]
     mass = left @ dynamics.mass @ from_compliant

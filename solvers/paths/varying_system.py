@@ -198,6 +198,8 @@ def _turn_pose(pose: _Pose, turn: FloatArray, model: PathModel) -> Station:
     found = pose.coordinates
     squares, rows, load = found.squares[:kept], found.outputs[:, :kept], found.inputs[:kept, 0]
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
+    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth along the path. What the other
+    # modes add to the quasi-static deviation (rest) is all of it less the part of the fast modes kept
     slow = found.omega[:kept] < 2.0 * np.pi * model.slow_hz
     follows = static_share(found, model.slow_hz)
     return Station(
