@@ -1,4 +1,4 @@
-"""What every superelement must fulfil before it may be coupled."""
+"""Checks that a superelement must pass before it is coupled: symmetry, definiteness, rigid-body motions, mass properties."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What each number of a report is worth, in plain words."""
+"""Remarks on the accuracy of the numbers in a report, in plain words."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Solids that are straight bars of one section: what a row of segments may stand for."""
+"""Straight bars of one section among the solids: axis, section properties and ends, for segmented models and beam theories."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Dimensions that cannot be: what is wrong with a parametric solid, in words."""
+"""Checks of the dimensions of parametric solids: every fault in words."""
 
 import math
 from dataclasses import fields

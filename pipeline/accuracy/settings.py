@@ -1,4 +1,4 @@
-"""With which mesh and modes a component starts when an accuracy is asked for, and how they are refined."""
+"""Mesh and modes of a component for a stated accuracy: the settings to start with, and finer ones."""
 
 import dataclasses
 import math

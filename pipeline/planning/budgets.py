@@ -1,4 +1,4 @@
-"""Degrees of freedom, memory and time before anything is computed."""
+"""Estimates of dofs, memory and time before anything is computed, checked against the limits of the scene and the machine."""
 
 import os
 from collections.abc import Sequence

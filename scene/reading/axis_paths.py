@@ -1,4 +1,4 @@
-"""Ways of axes from a CSV file: a head that names axes and units, a waypoint per row; every fault is named with its line."""
+"""Paths of axes from a CSV file: a header that names axes and units, a waypoint per row; every fault is reported with its line."""
 
 import csv
 import math

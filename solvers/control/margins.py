@@ -1,4 +1,4 @@
-"""How far control loops are from instability, and how fast they follow, from frequency responses with exact dead times."""
+"""Stability margins and bandwidths of control loops, from frequency responses with exact dead times."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Damping that is given per mode, and viscous damping in place of structural one where there is no frequency."""
+"""Damping ratios given per mode, and equivalent viscous damping in place of structural damping where there is no one frequency."""
 
 import dataclasses
 from collections.abc import Sequence

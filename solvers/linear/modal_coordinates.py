@@ -1,4 +1,4 @@
-"""A system in the coordinates of all its undamped modes, with what modes cannot say about statics."""
+"""A system in the coordinates of its undamped modes, with the residual flexibility that modes left out and massless dofs add."""
 
 import dataclasses
 from collections.abc import Sequence

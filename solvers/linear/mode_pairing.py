@@ -1,4 +1,4 @@
-"""Which mode of one model of a machine is which mode of another: by shape, close frequencies by the space they span."""
+"""Pairing of the natural modes of two models of a machine by shape; close frequencies are compared by the space they span."""
 
 from dataclasses import dataclass
 

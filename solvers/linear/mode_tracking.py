@@ -1,4 +1,4 @@
-"""Which mode of a pose is which of its neighbours: shapes followed from pose to pose, through crossings too."""
+"""Tracking of natural modes from pose to pose by their shapes, through crossings of their frequencies too."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

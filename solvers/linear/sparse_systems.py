@@ -1,4 +1,4 @@
-"""Coupled systems of many bodies: few entries of their matrices are not zero, so that solves and lowest modes cost what those cost."""
+"""Sparse factorisation and lowest modes of coupled systems of many bodies, whose matrices are mostly zero."""
 
 from dataclasses import dataclass
 

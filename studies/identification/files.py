@@ -1,4 +1,4 @@
-"""What an identification leaves: its numbers as JSON, and the fitted values as variants to paste into the scene."""
+"""Files of an identification: its numbers as JSON, and the fitted values as variants to paste into the scene."""
 
 import math
 from collections.abc import Mapping

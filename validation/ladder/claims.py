@@ -98,9 +98,6 @@ def claim_above(
         above: Least nDOF.
         below: Largest nDOF.
         note: Remark for where it is not exceeded.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     worst = [d for ndof, d in worst_by_ndof(rungs, quantities, above=above).items() if ndof <= below]
     if not worst:
@@ -130,9 +127,6 @@ def claim_coarsest(rungs: Rungs, text: str, quantities: Sequence[str], limit: fl
         text: The statement, in the paper's words.
         quantities: Names of the quantities it is about.
         limit: Relative deviation that is to be exceeded [-].
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     worst = list(worst_by_ndof(rungs, quantities).values())
     if not worst:
@@ -150,9 +144,6 @@ def claim_between(rungs: Rungs, text: str, quantities: Sequence[str], limits: tu
         text: The statement, in the paper's words.
         quantities: Names of the quantities it is about.
         limits: Least and largest relative deviation [-].
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     worst = list(worst_by_ndof(rungs, quantities).values())
     if not worst:
@@ -172,9 +163,6 @@ def claim_shrinking(rungs: Rungs, text: str, quantities: Sequence[str]) -> Claim
         rungs: Models by rising nDOF.
         text: The statement, in the paper's words.
         quantities: Names of the quantities it is about.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     steps = [
         (abs(fine.value) - abs(coarse.value), fine)
@@ -206,9 +194,6 @@ def claim_constant(rungs: Rungs, text: str, quantities: Sequence[str], limit: fl
         quantities: Names of the quantities it is about.
         limit: Largest variation of a relative deviation [-].
         above: Least nDOF.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     by_quantity = [found for name in quantities if len(found := deviations(rungs, [name], above=above)) > 1]
     if not by_quantity:
@@ -230,9 +215,6 @@ def claim_smaller(better: Rungs, worse: Rungs, text: str, quantities: Sequence[s
         quantities: Names of the quantities it is about.
         above: Least nDOF.
         below: Largest nDOF.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     gaps = []
     for own in deviations(better, quantities, above=above):
@@ -259,9 +241,6 @@ def claim_missing(rungs: Rungs, text: str, name: str) -> Claim | None:
         rungs: Models by rising nDOF.
         text: The statement, in the paper's words.
         name: Of the mode.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     if not rungs.points:
         return None
@@ -281,9 +260,6 @@ def claim_softer(softer: Rungs, stiffer: Rungs, text: str, quantities: Sequence[
         stiffer: Those whose smallest is to give less.
         text: The statement, in the paper's words.
         quantities: Names of the quantities it is about.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     if not (softer.points and stiffer.points):
         return None
@@ -305,9 +281,6 @@ def claim_alike(rungs: Rungs, others: Rungs, text: str, quantities: Sequence[str
         quantities: Names of the quantities it is about.
         limit: Largest difference of two relative deviations [-].
         above: Least nDOF.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     gaps = []
     for own in deviations(rungs, quantities, above=above):
@@ -332,9 +305,6 @@ def claim_ratio(many: Rungs, few: Rungs, text: str, quantities: Sequence[str], l
         quantities: Names of the quantities it is about.
         limit: Largest relative deviation [-].
         least: Least ratio of the nDOF needed [-].
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     if not (many.points and few.points):
         return None
@@ -361,9 +331,6 @@ def claim_reached(rungs: Rungs, text: str, quantities: Sequence[str], limit: flo
         quantities: Names of the quantities it is about.
         limit: Largest relative deviation [-].
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D elasticity.
-
-    Returns:
-        The statement with the number that decides it; None where there is no model to decide by.
     """
     if not rungs.points:
         return None

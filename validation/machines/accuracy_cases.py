@@ -1,4 +1,4 @@
-"""Scenes that choose their own meshes for a stated accuracy, held against far finer ones; and the estimates behind the choice."""
+"""Scenes that choose their own meshes for a stated accuracy, compared with far finer ones; and the estimates behind the choice."""
 
 import dataclasses
 import resource

@@ -1,4 +1,4 @@
-"""Stability of regenerative cutting: closed forms, published cases by second roads, and the contour of the Tripteor face by face."""
+"""Stability of regenerative cutting: closed forms, published cases by independent methods, and the contour of the Tripteor face by face."""
 
 import dataclasses
 

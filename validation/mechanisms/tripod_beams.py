@@ -1,4 +1,4 @@
-"""The tripod with elastic legs as a frame of beam elements, written without superelements, rails and coupling: a second road.
+"""The tripod with elastic legs as a frame of beam elements, independent of superelements, rails and coupling.
 
 Every leg is a row of Timoshenko elements (Przemieniecki 1968, sections 5.6 and 11.4; Davis, Henshell and Warburton 1972 for the mass
 with shear), everything else is rigid. Joints are rows of constraints whose null space is taken by a singular value decomposition.

@@ -1,4 +1,4 @@
-"""Component models by scipy alone, with rigid faces built in by hand: the second road for the reduction."""
+"""Component models by scipy alone, with rigid faces built in by hand: an independent method to check the reduction."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
