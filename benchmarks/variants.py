@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.machine.machine import Machine
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance
@@ -31,7 +32,7 @@ SCENE = Path(__file__).resolve().parents[1] / "machines" / "three_axis.toml"
 PARTS = ("column_left", "column_right", "y_base")
 FIDELITIES = ("rigid", "segmented", "elastic")
 THICKER = tuple(f'components.{name}.solid.box=["45 mm", "100 mm", "500 mm"]' for name in PARTS[:2])
-UP_TO_HZ, POINT, UM_PER_KN = 300.0, "tcp", 1e9
+UP_TO_HZ, POINT = 300.0, "tcp"
 
 
 class ManyValues(TypedDict):

@@ -74,8 +74,9 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
         )
     axis = "xyz".index(interface.rail.along)
     center = np.array(centroid, dtype=float)
-    center[axis] = 0.5 * (span[0] + span[1])
-    return Rail(axis, center, *span, place_knots(*span, DEGREE + 1), np.zeros((STATION_DOFS * (DEGREE + 1), 0)))
+    low, high = span
+    center[axis] = 0.5 * (low + high)
+    return Rail(axis, center, low, high, place_knots(low, high, DEGREE + 1), np.zeros((STATION_DOFS * (DEGREE + 1), 0)))
 
 
 def place_knots(low: float, high: float, stations: int) -> FloatArray:

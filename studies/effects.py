@@ -360,7 +360,7 @@ class _Bench:
         if switches not in self._known:
             scene = _load(self._choice, switches)
             self._announce(" ".join(switches) or "as written")
-            self._known[switches] = _Run(*_run_timed(scene, self._store, least=least))
+            self._known[switches] = _run_timed(scene, self._store, least=least)
         return self._known[switches]
 
 
@@ -369,13 +369,13 @@ def _load(choice: SceneChoice, switches: tuple[str, ...]) -> Scene:
     return keep_analyses(scene, choice.analyses) if choice.analyses else scene
 
 
-def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> tuple[RunSummary, list[float]]:
-    """Summary and processor times of a run, repeated where it is short."""
+def _run_timed(scene: Scene, store: Store, *, least: int = 1) -> _Run:
+    """A run, repeated where it is short."""
     summary, first = _run(scene, store)
     times = [first]
     while len(times) < (REPEATS if first < QUICK else least):
         times.append(_run(scene, store)[1])
-    return summary, times
+    return _Run(summary, times)
 
 
 def _run(scene: Scene, store: Store) -> tuple[RunSummary, float]:

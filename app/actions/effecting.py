@@ -9,6 +9,7 @@ import click
 from headstock.app.actions.running import select_analyses
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
+from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -49,14 +50,6 @@ def tell_trial(trial: EffectTrial) -> str:
 def show_seconds(seconds: float) -> str:
     """Processor time with two digits."""
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
-
-
-def show_share(share: float) -> str:
-    """A share as per cent, with two digits."""
-    percent = 100.0 * share
-    if percent == 0.0:
-        return "0 %"
-    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %" if percent >= 1e-3 else f"{percent:.0e} %"
 
 
 def _describe(change: Change) -> str:

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -87,7 +88,7 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
 
 def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
     wanted, model = (
-        f"{value:.4g} Hz" if item.kind == "frequency" else f"{1e9 * value:.4g} µm/kN" for value in (item.wanted, item.found)
+        f"{value:.4g} Hz" if item.kind == "frequency" else f"{UM_PER_KN * value:.4g} µm/kN" for value in (item.wanted, item.found)
     )
     mac = "" if item.mac is None else f"{item.mac:.2f}"
     mode = str(item.mode) if item.mode else ""

@@ -1,6 +1,7 @@
 """What one picture shows: coloured triangles and edges in the machine frame, and where the camera stands."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -85,7 +86,15 @@ def camera_axes() -> FloatArray:
     return np.array([right, np.cross(CAMERA, right), CAMERA])
 
 
-def _assemble(view: MachineView, pose: PoseView) -> tuple[FloatArray, IntArray, IntArray]:
+class _Surface(NamedTuple):
+    """Points ``(n, 3)`` [m] of all skins in the machine frame, and their triangles ``(m, 3)`` and edges ``(e, 2)``."""
+
+    points: FloatArray
+    triangles: IntArray
+    edges: IntArray
+
+
+def _assemble(view: MachineView, pose: PoseView) -> _Surface:
     points: list[FloatArray] = [np.zeros((0, 3))]
     triangles: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
     edges: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
@@ -96,4 +105,4 @@ def _assemble(view: MachineView, pose: PoseView) -> tuple[FloatArray, IntArray, 
         triangles.append(skin.triangles + start)
         edges.append(skin.edges + start)
         start += len(skin.points)
-    return np.vstack(points), np.vstack(triangles), np.vstack(edges)
+    return _Surface(np.vstack(points), np.vstack(triangles), np.vstack(edges))

@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -107,7 +109,21 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
     return frames
 
 
-def position_units(machine: Machine) -> dict[str, str]:
+class _Axis(Protocol):
+    @property
+    def kind(self) -> str: ...
+
+
+class _Axes(Protocol):
+    """A machine, or the scene it is built of."""
+
+    @property
+    def axes(self) -> Mapping[str, _Axis]: ...
+    @property
+    def mechanism(self) -> object: ...
+
+
+def position_units(machine: _Axes) -> dict[str, str]:
     """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism carries it."""
     units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in machine.axes.items()}
     if machine.mechanism is not None:

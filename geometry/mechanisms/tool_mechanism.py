@@ -44,7 +44,8 @@ def solve_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> Floa
     Raises:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.
     """
-    return solve_tool_pose(mechanism.mounted, *tool_pose(mechanism, positions))
+    point, direction = tool_pose(mechanism, positions)
+    return solve_tool_pose(mechanism.mounted, point, direction)
 
 
 def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> dict[str, Frame]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -77,8 +77,16 @@ class Hole:
     place: Vector
 
 
-def fit_cylinder(points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Axis ``(3,)``, a point on it ``(3,)`` and radius of the cylinder through points ``(n, 3)`` with facet normals ``(m, 3)``."""
+class FittedCylinder(NamedTuple):
+    """Unit axis ``(3,)`` of a cylinder, a point on it ``(3,)`` [m] and the radius [m]."""
+
+    axis: FloatArray
+    place: FloatArray
+    radius: float
+
+
+def fit_cylinder(points: FloatArray, normals: FloatArray) -> FittedCylinder:
+    """The cylinder through points ``(n, 3)`` [m] with facet normals ``(m, 3)``."""
     axis = np.linalg.svd(normals)[2][2]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     middle = points.mean(axis=0)
@@ -87,7 +95,7 @@ def fit_cylinder(points: FloatArray, normals: FloatArray) -> tuple[FloatArray, F
     # circle through points, by least squares (Kasa 1976): |p|^2 = 2 c.p + r^2 - |c|^2
     solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
     center = solution[:2]
-    return axis, middle + center @ across, float(np.sqrt(solution[2] + center @ center))
+    return FittedCylinder(axis, middle + center @ across, float(np.sqrt(solution[2] + center @ center)))
 
 
 def find_holes(faces: Sequence[CadFace]) -> list[Hole]:

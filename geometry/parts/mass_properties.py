@@ -1,6 +1,7 @@
 """Volume, centre and inertia of solids, and area and centroid of their interfaces, in closed form."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,14 @@ from headstock.geometry.parts.patches import (
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
 
 AreaMoment = tuple[float, FloatArray]
+
+
+class VolumeMoments(NamedTuple):
+    """Volume [m^3], its centre ``(3,)`` [m], and the inertia ``(3, 3)`` about that for unit density [m^5]."""
+
+    volume: float
+    center: FloatArray
+    inertia: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +54,9 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
     """Properties of a component whose solid and interfaces have a closed form; None where a CAD kernel is needed."""
     solid = component.solid
     if isinstance(solid, Tube):
-        volume, center, inertia = tube_properties(solid)
+        whole = tube_properties(solid)
     elif isinstance(solid, Box | Plate) or (isinstance(solid, HollowColumn) and solid.core_hole == 0.0):
-        volume, center, inertia = box_sum_properties(planar_boxes(solid))
+        whole = box_sum_properties(planar_boxes(solid))
     else:
         return None
     areas: dict[str, float] = {}
@@ -57,18 +66,18 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
         if moment is None:
             return None
         areas[name], centroids[name] = moment
-    return SolidProperties(volume, center, inertia, areas, centroids)
+    return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
 
 
 def solid_volume(solid: PlanarSolid | Tube) -> float:
     """Volume of a parametric solid [m^3]; core holes are not taken off."""
     if isinstance(solid, Tube):
-        return tube_properties(solid)[0]
-    return box_sum_properties(planar_boxes(solid))[0]
+        return tube_properties(solid).volume
+    return box_sum_properties(planar_boxes(solid)).volume
 
 
-def box_sum_properties(boxes: list[SignedBox]) -> tuple[float, FloatArray, FloatArray]:
-    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it [m^5] of a signed sum of boxes."""
+def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
+    """Of a signed sum of boxes."""
     signs = np.array([sign for sign, _, _ in boxes])
     low = np.array([low for _, low, _ in boxes])
     high = np.array([high for _, _, high in boxes])
@@ -78,16 +87,16 @@ def box_sum_properties(boxes: list[SignedBox]) -> tuple[float, FloatArray, Float
     center = volumes @ centers / volume
     arms = centers - center
     moments = np.einsum("n,ni,nj->ij", volumes, arms, arms) + np.diag(volumes @ (high - low) ** 2 / 12)
-    return volume, center, np.trace(moments) * np.eye(3) - moments
+    return VolumeMoments(volume, center, np.trace(moments) * np.eye(3) - moments)
 
 
-def tube_properties(tube: Tube) -> tuple[float, FloatArray, FloatArray]:
-    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it [m^5] of a hollow cylinder."""
+def tube_properties(tube: Tube) -> VolumeMoments:
+    """Of a hollow cylinder."""
     outer, inner, length = tube.outer_diameter / 2, tube.inner_diameter / 2, tube.length
     volume = np.pi * (outer**2 - inner**2) * length
     polar = volume * (outer**2 + inner**2) / 2
     across = polar / 2 + volume * length**2 / 12
-    return float(volume), np.array([0.0, 0.0, length / 2]), np.diag([across, across, polar])
+    return VolumeMoments(float(volume), np.array([0.0, 0.0, length / 2]), np.diag([across, across, polar]))
 
 
 def interface_moment(solid: PlanarSolid | Tube, interface: Interface) -> AreaMoment | None:

@@ -130,9 +130,10 @@ def count_curved_cells(plan: SizePlan) -> int:
 def add_size_fields(plan: SizePlan) -> list[int]:
     """Tell gmsh the sizes and return the tags of its fields; what is not finer than elsewhere needs no telling."""
     rims = plan.curved.rims[:, 0].astype(np.int64)
-    classes = [("SurfacesList", *found) for found in _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)]
-    classes += [("CurvesList", *found) for found in _size_classes(rims, plan.rims, plan.elsewhere)]
-    return [_add_field(*found) for found in classes]
+    faces = _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)
+    curves = _size_classes(rims, plan.rims, plan.elsewhere)
+    fields = [_add_field("SurfacesList", size, tags) for size, tags in faces]
+    return fields + [_add_field("CurvesList", size, tags) for size, tags in curves]
 
 
 def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:

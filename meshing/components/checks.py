@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,21 +133,29 @@ def patch_moments(points: FloatArray, patches: Mapping[str, IntArray]) -> tuple[
     return areas, centroids
 
 
-def _shape_elements(data: MeshData, component: Component) -> tuple[FloatArray, IntArray, CellKind, int]:
+class _Shaped(NamedTuple):
     """Points, cells and kind after elevation or repair, and the number of repaired cells."""
+
+    points: FloatArray
+    cells: IntArray
+    kind: CellKind
+    repaired: int = 0
+
+
+def _shape_elements(data: MeshData, component: Component) -> _Shaped:
     kind = data.kind or "tet4"
     if kind == "hex20":
         points, cells = complete_hexes(data.points, data.cells)
-        return points, cells, "hex27", 0
+        return _Shaped(points, cells, "hex27")
     if isinstance(component.solid, MeshFile):
-        return data.points, data.cells, kind, 0
+        return _Shaped(data.points, data.cells, kind)
     if kind == "tet4" and component.mesh.order == 2:
         points, cells = elevate_tets(data.points, data.cells)
-        return points, cells, "tet10", 0
+        return _Shaped(points, cells, "tet10")
     if kind == "tet10":
         points, repaired = repair_tets(data.points, data.cells)
-        return points, data.cells, kind, len(repaired)
-    return data.points, data.cells, kind, 0
+        return _Shaped(points, data.cells, kind, len(repaired))
+    return _Shaped(data.points, data.cells, kind)
 
 
 def _check_quality(points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool) -> FloatArray:

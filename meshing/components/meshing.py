@@ -101,8 +101,9 @@ def describe_component(component: Component) -> SolidProperties:
     _check_solid(component)
     if isinstance(solid, MeshFile):
         mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
-        volume, center, inertia = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
-        return SolidProperties(volume, center, inertia, *patch_moments(mesh.points, mesh.patches))
+        whole = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
+        areas, centroids = patch_moments(mesh.points, mesh.patches)
+        return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
     properties = closed_form_properties(component)
     if properties is None:
         properties = run_shape_job(component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT).properties

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.mass_properties import VolumeMoments
 from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import (
     cell_family,
@@ -50,8 +51,8 @@ def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> Flo
     return np.asarray(quality)
 
 
-def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> tuple[float, FloatArray, FloatArray]:
-    """Volume [m^3], centre ``(3,)`` [m] and inertia ``(3, 3)`` about it for unit density [m^5], integrated over the cells.
+def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> VolumeMoments:
+    """Volume, centre and inertia for unit density, integrated over the cells.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -71,7 +72,7 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> tuple
         second += np.einsum("cq,cqi,cqj->ij", measure, places, places, optimize=True)
     arm = first / volume
     moments = second - volume * np.outer(arm, arm)
-    return volume, origin + arm, np.trace(moments) * np.eye(3) - moments
+    return VolumeMoments(volume, origin + arm, np.trace(moments) * np.eye(3) - moments)
 
 
 def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:

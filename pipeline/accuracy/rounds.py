@@ -27,7 +27,7 @@ from headstock.pipeline.accuracy.settings import (
     refine_modes,
 )
 from headstock.pipeline.results.accuracy import AccuracyRound
-from headstock.pipeline.results.estimates import DISCRETISATION
+from headstock.pipeline.results.estimates import DISCRETISATION, show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
@@ -201,8 +201,3 @@ def describe_settings(component: Component) -> str:
         growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
         size = f"{mesh.cells} {1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
     return size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
-
-
-def show_share(share: float | None) -> str:
-    """A relative error in per cent."""
-    return f"{100.0 * share:.2g} %" if share is not None and np.isfinite(share) else "an unknown amount"

@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from headstock.pipeline.accuracy.rounds import History, describe_settings, judge_round, replace_components, show_share
+from headstock.pipeline.accuracy.rounds import History, describe_settings, judge_round, replace_components
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
     are_twins,
@@ -19,6 +19,7 @@ from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import FRF_MARGIN, plan_scene
 from headstock.pipeline.results.accuracy import AccuracyAnswer, AccuracyRound
+from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene

@@ -1,5 +1,6 @@
 """Error estimates of a number: a half width in parts, one per source of error."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NotRequired, TypedDict
@@ -53,6 +54,16 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
             for name, own in sizes.items():
                 known_sizes[name] = known_sizes.get(name, 0.0) + own
     return Estimate(shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners)
+
+
+def show_share(share: float | None) -> str:
+    """A share in per cent, with two digits."""
+    if share is None or not math.isfinite(share):
+        return "an unknown amount"
+    percent = 100.0 * share
+    if percent == 0.0:
+        return "0 %"
+    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %" if percent >= 1e-3 else f"{percent:.0e} %"
 
 
 def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:

@@ -267,8 +267,13 @@ def parse_path(group: h5py.Group) -> PathCurves:
         KeyError: A part is missing.
     """
     first, second = ((float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float))
-    deviation = PathDeviation(group["times"][:], *(group[name][:] for name in _PARTS))
-    ports = tuple(split_port(text.decode()) for text in group["outputs"][:])
-    feed = float(group.attrs["feed"])
-    series = (group[name][:] for name in ("frozen", "positions", "accelerations"))
-    return PathCurves(feed, (first, second), ports, deviation, *series)
+    deviation = PathDeviation(times=group["times"][:], **{name: group[name][:] for name in _PARTS})
+    return PathCurves(
+        feed=float(group.attrs["feed"]),
+        zones=(first, second),
+        outputs=tuple(split_port(text.decode()) for text in group["outputs"][:]),
+        deviation=deviation,
+        frozen=group["frozen"][:],
+        positions=group["positions"][:],
+        accelerations=group["accelerations"][:],
+    )

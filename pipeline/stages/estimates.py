@@ -8,6 +8,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.planning.planner import has_choice
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate, combine_estimates
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
@@ -23,7 +24,6 @@ from headstock.solvers.linear.modal_analysis import ModalResult
 NAMED_DOUBT = 5e-3  # share of a number that the kinds of interfaces must change together to be named
 NAMED_PART = 0.1  # of what the one that matters most changes: less is not worth a name
 NAMED_INTERFACES = 8
-UM_PER_KN = 1e9  # m/N
 
 
 def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: ModalResult) -> tuple[Estimate, ...]:
@@ -41,7 +41,8 @@ def estimate_mode_errors(parts: MachineParts, coupled: CoupledMachine, modes: Mo
     """
     count = len(modes.frequencies_hz)
     squares = np.where(np.arange(count) < modes.rigid_count, np.inf, (2.0 * np.pi * modes.frequencies_hz) ** 2)
-    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), *_coupled_areas(parts))
+    areas, materials = _coupled_areas(parts)
+    doubts = doubted_energies(coupled, modes.shapes, np.where(np.isinf(squares), 0.0, squares), areas, materials)
     effects = {name: 0.5 * modes.frequencies_hz * energy / squares for name, energy in doubts.items()}
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count
@@ -68,7 +69,8 @@ def estimate_compliance_errors(parts: MachineParts, coupled: CoupledMachine, dis
     energies = compliance_mesh_errors(coupled, displacements)
     meshes = _estimate_parts(DISCRETISATION, {name: np.diag(energy) for name, energy in energies.items()}, 6)
     faces = _estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
-    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), *_coupled_areas(parts))
+    areas, materials = _coupled_areas(parts)
+    doubts = doubted_energies(coupled, displacements[:, :3], np.zeros(3), areas, materials)
     soft = np.einsum("im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3])
     kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
     unknown = combine_estimates([name_what_is_left_out(parts, coupled), kinds])

@@ -1,6 +1,7 @@
 """The map stage: natural modes tracked by shape, static stiffness and condition number of a lumped mechanism over its workspace."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -70,7 +71,13 @@ def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: 
     names = [name for name, _ in request.axes]
     poses = [{**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions]
     size, count = len(model.mechanism.compliant), len(poses)
-    found = PoseRows(*(np.full((count, *tail), np.nan) for tail in ((), (size,), (size, size), (3,), (3,))))
+    found = PoseRows(
+        condition=np.full(count, np.nan),
+        frequencies_hz=np.full((count, size), np.nan),
+        shapes=np.full((count, size, size), np.nan),
+        stiffness=np.full((count, 3), np.nan),
+        lengths=np.full((count, 3), np.nan),
+    )
     if not poses:
         return found
     points, directions = (np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True))
@@ -91,15 +98,14 @@ def _survey_rows(mechanism: SceneMechanism, model: CompliantMechanism, request: 
 
 def _join(rows: list[PoseRows]) -> PoseRows:
     names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
-    return PoseRows(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))
+    return PoseRows(**{name: np.concatenate([getattr(row, name) for row in rows]) for name in names})
 
 
 def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
     edges = _edges(shape, np.isfinite(rows.condition))
     likeness = _likeness(rows.shapes[:, :, : request.count], edges)
-    followed, crossings, torn = rows.frequencies_hz[:, : request.count], tuple[tuple[int, int], ...](), 0
-    if likeness < PLAINLY_ALIKE:
-        followed, crossings, torn = _follow(rows, edges, request.count)
+    plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), torn=0)
+    followed, crossings, torn = plain if likeness >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
     quantities = {"condition_number": rows.condition}
     quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
     quantities |= {f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place] for place, axis in enumerate("xyz")}
@@ -135,8 +141,16 @@ def _likeness(shapes: FloatArray, edges: IndexArray) -> float:
     return float(cosines.min(initial=1.0))
 
 
-def _follow(rows: PoseRows, edges: IndexArray, count: int) -> tuple[FloatArray, tuple[tuple[int, int], ...], int]:
-    """Frequencies ``(n, count)`` by shape, which of them cross, and how many edges tear one apart."""
+class _Followed(NamedTuple):
+    """Frequencies ``(n, count)`` [Hz] of modes, numbers of those that cross, and how many pairs of neighbours tear one apart."""
+
+    frequencies_hz: FloatArray
+    crossings: tuple[tuple[int, int], ...]
+    torn: int
+
+
+def _follow(rows: PoseRows, edges: IndexArray, count: int) -> _Followed:
+    """Modes by their shape."""
     number = len(rows.condition)
     modes = SweptModes(
         rows.frequencies_hz, np.nan_to_num(rows.shapes).astype(np.float32), np.full(number, count), np.zeros(number, dtype=np.int64)
@@ -146,7 +160,7 @@ def _follow(rows: PoseRows, edges: IndexArray, count: int) -> tuple[FloatArray, 
     if followed.shape[1] < count:
         followed = np.pad(followed, ((0, 0), (0, count - followed.shape[1])), constant_values=np.nan)
     crossings = tuple((int(i) + 1, int(j) + 1) for i, j in sorted(tracked.crossings) if min(i, j) < count)
-    return followed, crossings, tracked.torn
+    return _Followed(followed, crossings, tracked.torn)
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float:

@@ -251,7 +251,9 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         slow_hz=model.slow_hz,
         slow_count=slow_modes(middle.modes.frequencies_hz, model.slow_hz),
         poses=solved.poses,
-        runs=tuple(_run_move(request, *item) for item in zip(request.moves, solved.found, solved.kept, strict=True)),
+        runs=tuple(
+            _run_move(request, move, raw, kept) for move, raw, kept in zip(request.moves, solved.found, solved.kept, strict=True)
+        ),
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
     )

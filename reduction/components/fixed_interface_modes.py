@@ -2,14 +2,14 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.superelement import Truncation, lowest_participating
-from headstock.solvers.elastic.block_lanczos import ModeTarget, cluster_end, lowest_eigenpairs
+from headstock.solvers.elastic.block_lanczos import EigenPairs, ModeTarget, cluster_end, lowest_eigenpairs
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.solvers.errors import AccuracyError, ConvergenceError
@@ -65,19 +65,18 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
     remarks: tuple[str, ...] = ()
     many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
-        values, shapes, following = _dense_modes(solver, target)
+        pairs = _dense_modes(solver, target)
     else:
         start = _start_block(solver, _block_width(target))
         pairs = lowest_eigenpairs(solver.apply, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension)
-        values, shapes, following = pairs.values, pairs.vectors, pairs.next_value
-        if not pairs.complete:
-            remarks = (
-                f"{len(values)} of {target.count} fixed-interface modes are kept: from {np.sqrt(following) / (2.0 * np.pi):.4g} Hz on "
-                "they lie too densely to be told apart; the ± covers what they add",
-            )
-    values, shapes, change = _improve(solver, values, shapes)
-    cutoff = float(np.sqrt(following) / (2.0 * np.pi))
-    return FixedInterfaceModes(values, _fix_signs(solver, shapes), cutoff, change, remarks)
+    cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
+    if not pairs.complete:
+        remarks = (
+            f"{len(pairs.values)} of {target.count} fixed-interface modes are kept: from {cutoff:.4g} Hz on "
+            "they lie too densely to be told apart; the ± covers what they add",
+        )
+    better = _improve(solver, pairs.values, pairs.vectors)
+    return FixedInterfaceModes(better.values, _fix_signs(solver, better.shapes), cutoff, better.change, remarks)
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:
@@ -111,7 +110,7 @@ def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
     return np.where(solver.held[:, None], 0.0, table[nodes].reshape(-1, width))
 
 
-def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> tuple[FloatArray, FloatArray, float]:
+def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
     """All modes of a small model by dense algebra on every rank alike."""
     comm, operators = solver.comm, solver.operators
     free = np.flatnonzero(~solver.held)
@@ -141,7 +140,7 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> tuple[FloatAr
     end = cluster_end(frequencies, min(target.count_wanted(frequencies), len(values)))
     shapes = np.zeros((operators.owned_dofs, end))
     shapes[free] = (basis @ vectors[:, :end])[first : first + len(free)]
-    return values[:end], shapes, float(values[end]) if end < len(values) else np.inf
+    return EigenPairs(values[:end], shapes, np.zeros(end), float(values[end]) if end < len(values) else np.inf, solves=0)
 
 
 def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
@@ -149,14 +148,22 @@ def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (product + product.T))
 
 
-def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+class _Improved(NamedTuple):
+    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, and the largest relative change of an eigenvalue."""
+
+    values: FloatArray
+    shapes: FloatArray
+    change: float
+
+
+def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> _Improved:
     """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the search is checked by it.
 
     The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff`` says, or as the pins of a free body
     make of it; its shapes are off by the same share and the Rayleigh quotient by the square.
     """
     if not len(values):
-        return values, shapes, 0.0
+        return _Improved(values, shapes, 0.0)
     stiffness = solver.product(shapes, solver.forces(shapes))
     mass = solver.product(shapes, solver.operators.apply_mass(shapes))
     improved, vectors = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
@@ -164,7 +171,7 @@ def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) 
     share = solver.operators.energy_roundoff(shapes) / improved
     share = share * max(1.0, solver.roundoff / share.max())
     require_resolved(values, improved, share)
-    return improved, shapes, float(np.abs(improved / values - 1.0).max())
+    return _Improved(improved, shapes, float(np.abs(improved / values - 1.0).max()))
 
 
 def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:

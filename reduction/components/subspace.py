@@ -1,6 +1,7 @@
 """A component's matrices in the subspace of its constraint modes and fixed-interface modes."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,7 +107,15 @@ def _free_rails(basis: BoundaryBasis, size: int) -> dict[str, Rail]:
     return rails
 
 
-def _mass_properties(operators: ElasticOperators) -> tuple[float, FloatArray, FloatArray]:
+class _MassProperties(NamedTuple):
+    """Mass [kg], its centre ``(3,)`` [m], and the inertia ``(3, 3)`` about that [kg m^2]."""
+
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+
+
+def _mass_properties(operators: ElasticOperators) -> _MassProperties:
     # about the mean point: far from the origin the inertia would cancel
     middle = sum_over_ranks(operators.comm, operators.points.sum(axis=0)) / operators.total_nodes
     rigid = rigid_map(operators.points, middle)
@@ -115,7 +124,7 @@ def _mass_properties(operators: ElasticOperators) -> tuple[float, FloatArray, Fl
     static = gram[:3, 3:]
     arm = np.array([static[1, 2] - static[2, 1], static[2, 0] - static[0, 2], static[0, 1] - static[1, 0]]) / (2.0 * mass)
     inertia = gram[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return mass, middle + arm, _symmetric(inertia)
+    return _MassProperties(mass, middle + arm, _symmetric(inertia))
 
 
 def _embed(rows: FloatArray, size: int) -> FloatArray:

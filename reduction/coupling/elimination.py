@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,12 +129,20 @@ def _normalised(rows: FloatArray) -> FloatArray:
     return np.asarray(rows / np.where(lengths > 0.0, lengths, 1.0))
 
 
-def _split_space(rows: FloatArray, null: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Split the span of ``null`` into what the rows see and what they do not; and the rows that add nothing."""
+class _SplitSpan(NamedTuple):
+    """Parts ``(k, n)`` of a span that rows see and do not see, and numbers of the rows that add nothing."""
+
+    stretched: FloatArray
+    null: FloatArray
+    dependent: IntArray
+
+
+def _split_space(rows: FloatArray, null: FloatArray) -> _SplitSpan:
+    """Split the span of ``null``."""
     if len(rows) == 0 or null.shape[1] == 0:
-        return null[:, :0], null, np.arange(len(rows))
+        return _SplitSpan(null[:, :0], null, np.arange(len(rows)))
     orthogonal, triangular, pivots = qr((rows @ null).T, pivoting=True, check_finite=False)
     sizes = np.abs(triangular.diagonal())
     rank = int(np.count_nonzero(sizes > RANK_TOLERANCE))
     turned = null @ orthogonal
-    return turned[:, :rank], turned[:, rank:], np.sort(pivots[rank:])
+    return _SplitSpan(turned[:, :rank], turned[:, rank:], np.sort(pivots[rank:]))

@@ -6,7 +6,7 @@ A memo changes no result: a coupling with one gives the numbers of a coupling wi
 import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,11 +74,18 @@ def component_matrices(layout: DofLayout, memo: CouplingMemo | None = None) -> C
     return ComponentMatrices(stiffnesses, masses, dampings)
 
 
-def _turned_matrices(superelement: Superelement, placement: Frame) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Stiffness, mass and damping ``(n, n)`` in machine axes."""
+class _TurnedMatrices(NamedTuple):
+    """Matrices ``(n, n)`` of a component in machine axes."""
+
+    stiffness: FloatArray
+    mass: FloatArray
+    damping: FloatArray | None
+
+
+def _turned_matrices(superelement: Superelement, placement: Frame) -> _TurnedMatrices:
     turn = turn_dofs(superelement, placement)
     damping = None if superelement.damping is None else _congruence(turn, superelement.damping)
-    return _congruence(turn, clean_stiffness(superelement)), _congruence(turn, superelement.mass), damping
+    return _TurnedMatrices(_congruence(turn, clean_stiffness(superelement)), _congruence(turn, superelement.mass), damping)
 
 
 def sum_stiffness(

@@ -151,7 +151,9 @@ def project_response(
     """
     elastic = modes.frequencies_hz[modes.rigid_count :]
     shift = (2.0 * np.pi * float(elastic[0])) ** 2 if modes.rigid_count and len(elastic) else 0.0
-    space = _trial_space(system, sources.truncated, modes, (np.hstack([ports[0], ports[1].T]), highest_hz, shift))
+    space = _trial_space(
+        system, sources.truncated, modes, pushes=np.hstack([ports[0], ports[1].T]), highest_hz=highest_hz, shift=shift
+    )
     return ResponseSpace(system, sources, space, ports, RESTING * shift)
 
 
@@ -159,10 +161,12 @@ def _trial_space(
     system: SecondOrderSystem,
     parts: Mapping[str, TruncatedPart],
     modes: ModalResult,
-    wanted: tuple[FloatArray, float, float],
+    *,
+    pushes: FloatArray,
+    highest_hz: float,
+    shift: float,
 ) -> FloatArray:
     """M-orthonormal directions ``(n, m)`` in which the response and its change are sought."""
-    pushes, highest_hz, shift = wanted
     count = max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")))
     shapes = modes.shapes[:, :count]
     near = shapes[:, : max(modes.rigid_count + 1, int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")))]

@@ -8,7 +8,6 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, check_name, is_known_end
 from headstock.scene.building.joints import build_joint, connects, find_joint_faults, sound_joints
@@ -50,31 +49,21 @@ def build_axis(name: str, table: AxisTable, scene: SceneTable, joints: dict[str,
         name=name,
         joints=table.joint_names(),
         moves=moves,
-        direction=np.array(axis_direction(table, scene)),
+        direction=axis_direction(table, scene),
         kind=table.kind,
         center=np.array(table.center),
         limits=(low, high),
     )
 
 
-def axis_direction(table: AxisTable, scene: SceneTable) -> tuple[float, float, float]:
-    """Direction of an axis: as written, or that of the first guiding joint that has one."""
+def axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
+    """Direction ``(3,)`` of an axis: as written, or that of the first guiding joint that has one."""
     if table.direction is not None:
-        return table.direction
-    kinds = ("linear_guide", "ball_screw", "prismatic") if table.kind == "linear" else ("revolute", "bearing")
-    for name in table.joint_names():
-        joint = scene.joints[name]
-        if joint.kind in kinds and joint.axis is not None:
-            return joint.axis
-    raise ValueError("an axis needs a direction")
-
-
-def axis_units(scene: SceneTable) -> dict[str, str]:
-    """``m`` or ``rad`` of every axis of a scene, those of a mechanism's tool among them."""
-    units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in scene.axes.items()}
-    if scene.mechanism is not None:
-        units |= {name: "m" if name in TOOL_POINT else "rad" for name in TOOL_AXES}
-    return units
+        return np.array(table.direction)
+    guides = _guiding_joints(scene, table)
+    if not guides:
+        raise ValueError("an axis needs a direction")
+    return next(iter(guides.values()))
 
 
 def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:

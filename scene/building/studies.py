@@ -9,8 +9,7 @@ import numpy as np
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
-from headstock.geometry.machine.machine import Machine, find_limit_fault
-from headstock.scene.building.axes import axis_units
+from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
 from headstock.scene.building.draft import Draft, check_name, check_variant
 from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
 from headstock.scene.reading.files import resolve_file
@@ -51,12 +50,13 @@ def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> 
 
 
 def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
-    table, units = scene.sweeps[name], axis_units(scene)
+    table, units = scene.sweeps[name], position_units(scene)
     if table.axes is not None:
         spans = {axis: np.linspace(*span.ends(), span.positions, dtype=np.float64) for axis, span in table.axes.items()}
         return make_grid(name, units, spans)
     if table.path is not None:
-        return make_path(name, units, _waypoints(name, scene, paths), *_step(table))
+        step, unit = _step(table)
+        return make_path(name, units, _waypoints(name, scene, paths), step, unit)
     labels = [place if isinstance(place, str) else "" for place in table.poses or ()]
     places = [scene.poses[place] if isinstance(place, str) else place for place in table.poses or ()]
     return make_list(name, units, [_values(place) for place in places], labels if all(labels) else [])
@@ -119,7 +119,8 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
     if table.axes is not None:
         return math.prod(span.positions for span in table.axes.values())
     waypoints = _waypoints(name, scene, paths)
-    return count_path(axis_units(scene), waypoints, *_step(table)) if waypoints else len(table.poses or ())
+    step, unit = _step(table)
+    return count_path(position_units(scene), waypoints, step, unit) if waypoints else len(table.poses or ())
 
 
 def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, AxisPath]:
@@ -131,7 +132,7 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
         findings: Receives problems, each with the line of the file.
     """
     found: dict[str, AxisPath] = {}
-    units = axis_units(scene)
+    units = position_units(scene)
     for name, table in scene.sweeps.items():
         if not isinstance(table.path, str):
             continue

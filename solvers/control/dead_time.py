@@ -52,7 +52,7 @@ def connect_in_series(first: LinearBlock, second: LinearBlock) -> LinearBlock:
 def stack_blocks(blocks: Sequence[LinearBlock]) -> LinearBlock:
     """Blocks side by side, none of which sees another."""
     parts = ("a", "b", "c", "d")
-    return LinearBlock(*(np.asarray(scipy.linalg.block_diag(*(getattr(block, part) for block in blocks))) for part in parts))
+    return LinearBlock(**{part: scipy.linalg.block_diag(*(getattr(block, part) for block in blocks)) for part in parts})
 
 
 def make_dead_time(dead_time: float) -> LinearBlock:

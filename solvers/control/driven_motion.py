@@ -148,6 +148,7 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
 def _collect(model: RubbingLoop, given: Given, times: FloatArray, full: FloatArray, asked: int) -> DrivenMotion:
     states, works = full[:, : model.size], full[:, model.size :]
     inputs = np.array([given(float(instant)) for instant in times])
+    drives, loads, damping, friction = works.T
     speeds = np.asarray(states @ model.slides.T)
     space = model.loop.space
     rubbed = model.friction(speeds)
@@ -155,6 +156,6 @@ def _collect(model: RubbingLoop, given: Given, times: FloatArray, full: FloatArr
         times=times,
         outputs=states @ space.c.T + inputs @ space.d[:, : model.given].T - rubbed @ space.d[:, model.given :].T,
         friction=rubbed,
-        energy=EnergyBalance(model.stored_energy(states), *works.T),
+        energy=EnergyBalance(model.stored_energy(states), drives, loads, damping, friction),
         evaluations=asked,
     )

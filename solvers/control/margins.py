@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,22 +67,36 @@ def find_margins(
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     paths = [control_paths(train.control, omega) for train in trains]
     # force each controller answers a unit drive force with, sign turned: L(i, j)
-    fed = np.stack([kv * found[:, i] + 1j * omega[:, None] * found[:, count + i] for i, (_, _, kv) in enumerate(paths)], axis=1)
-    loops = np.stack([paths[i][0][:, None] * fed[:, i] for i in range(count)], axis=1)
-    follow = _follow(loops, found[:, :count], np.stack([set_path for _, set_path, _ in paths], axis=1))
+    fed = np.stack([path.kv * found[:, i] + 1j * omega[:, None] * found[:, count + i] for i, path in enumerate(paths)], axis=1)
+    loops = np.stack([paths[i].feedback[:, None] * fed[:, i] for i in range(count)], axis=1)
+    follow = _follow(loops, found[:, :count], np.stack([path.ahead for path in paths], axis=1))
     return tuple(
         _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number])) for number, train in enumerate(trains)
     )
 
 
-def control_paths(control: AxisControl, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
-    """Of a controller: force per velocity error, force per set position with its feed-forward, and kv. The dead time is exact."""
+class ControlPaths(NamedTuple):
+    """Ways through a controller.
+
+    Attributes:
+        feedback: ``(n_freq,)`` force per velocity error [N s/m].
+        ahead: ``(n_freq,)`` force per set position, with the feed-forward [N/m].
+        kv: Velocity per position error [1/s].
+    """
+
+    feedback: ComplexArray
+    ahead: ComplexArray
+    kv: float
+
+
+def control_paths(control: AxisControl, omega: FloatArray) -> ControlPaths:
+    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is exact."""
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
     # an infinite time times a frequency is no complex number
     inner = control.velocity_gain * (1.0 + (1.0 / control.integral_time) / s)
     ahead = (control.position_gain + s * control.velocity_feed_forward) * inner + s**2 * control.acceleration_feed_forward
-    return late * inner, late * ahead, control.position_gain
+    return ControlPaths(late * inner, late * ahead, control.position_gain)
 
 
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:

@@ -150,7 +150,8 @@ def free_block(
     comm = operators.comm
     free = np.flatnonzero(~held) if order is None else order
     total = int(comm.allreduce(len(free)))
-    csr = _upper_rows(scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)), free, _free_numbers(operators, held, free))
+    upper = _upper_rows(scipy.sparse.bsr_matrix(matrix, blocksize=(3, 3)), free, _free_numbers(operators, held, free))
+    csr = (upper.indptr, upper.indices, upper.data)
     block = PETSc.Mat().createSBAIJ(((len(free), total), (len(free), total)), 1, csr=csr, comm=comm)
     block.assemble()
     return block
@@ -168,10 +169,8 @@ def _free_numbers(operators: ElasticOperators, held: BoolArray, free: NDArray[np
     return np.array(numbers.array)
 
 
-def _upper_rows(
-    matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatArray]:
-    """Rows of free dofs and columns at or above the diagonal, as row pointers, sorted column numbers and values."""
+def _upper_rows(matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]) -> scipy.sparse.csr_matrix:
+    """Rows of free dofs and columns at or above the diagonal, columns sorted."""
     nodes = numbers.reshape(-1, 3)
     lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[: len(matrix.indptr) - 1]
     # whole blocks first: half of them lie below the diagonal
@@ -184,7 +183,7 @@ def _upper_rows(
     shape = (len(free), int(numbers.max(initial=0)) + 1)
     upper = scipy.sparse.csr_matrix((rows.data[above], columns[above], pointers), shape=shape)
     upper.sort_indices()
-    return upper.indptr, upper.indices, upper.data
+    return upper
 
 
 def _elimination_order(operators: ElasticOperators, held: BoolArray) -> tuple[NDArray[np.int64], bool]:

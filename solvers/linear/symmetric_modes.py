@@ -59,18 +59,17 @@ def solve_symmetric_modes(
     """
     count = len(mass) if wanted is None else min(wanted, len(mass))
     sparse = lowest_sparse_modes(stiffness, mass, count)
-    if sparse is not None and not (_loses_digits_of(stiffness, *sparse) and find_null_space(stiffness).dimension):
-        return ModalPairs(*sparse)
+    if sparse is not None and not (_loses_digits_of(stiffness, sparse) and find_null_space(stiffness).dimension):
+        squares, shapes = sparse
+        return ModalPairs(squares, shapes)
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
         careful = _careful_modes(stiffness, mass, count)
         return replace(careful, squares=careful.squares[:count], shapes=careful.shapes[:, :count])
-    return ModalPairs(*pairs)
+    return pairs
 
 
-def _flexibility_modes(
-    stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None
-) -> tuple[FloatArray, FloatArray] | None:
+def _flexibility_modes(stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None) -> ModalPairs | None:
     """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be good enough."""
     if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
         return None
@@ -82,16 +81,17 @@ def _flexibility_modes(
     if spreads_too_far(flexibilities[-count], flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
         return None
     squares = 1.0 / flexibilities[: -count - 1 : -1]
-    return squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares)
+    return ModalPairs(squares, shapes[:, : -count - 1 : -1] * np.sqrt(squares))
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
     """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
     few = _few_modes(stiffness, mass, count)
-    return few is None or _loses_digits_of(stiffness, *few)
+    return few is None or _loses_digits_of(stiffness, few)
 
 
-def _loses_digits_of(stiffness: FloatArray, squares: FloatArray, shapes: FloatArray) -> bool:
+def _loses_digits_of(stiffness: FloatArray, pairs: tuple[FloatArray, FloatArray]) -> bool:
+    squares, shapes = pairs
     return loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
 
 

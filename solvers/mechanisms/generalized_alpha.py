@@ -7,7 +7,7 @@ matrix is scaled by ``h^2`` (Bottasso, Dopico and Trainelli 2008), which keeps i
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -162,20 +162,20 @@ def integrate_motion(
     for number in range(count):
         if number % MEASURE_EVERY == 0:
             march = replace(march, shrinking=np.inf)
-        march = _take_step(problem, march, (start.time + number * step, start.time + (number + 1) * step), rules)
+        march = _take_step(problem, march, rules, begin=start.time + number * step, end=start.time + (number + 1) * step)
         observe(march.state)
     return march.state
 
 
-def _take_step(problem: ConstrainedProblem, march: _March, span: tuple[float, float], rules: _Rules) -> _March:
+def _take_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float) -> _March:
     """One whole step, in one or in as many sub-steps as it takes."""
-    done, (begin, end) = 0, span
+    done = 0
     while done < WHOLE:
         share = march.share
         time = end if done + share == WHOLE else begin + (done + share) / WHOLE * (end - begin)
         length = share / WHOLE * (end - begin)
         try:
-            tried, error = _try_step(problem, march, (time, length), rules)
+            tried, error = _try_step(problem, march, rules, time=time, length=length)
         except ConvergenceError as failure:
             if share == 1:
                 raise ConvergenceError(_explain(problem, march.state, failure)) from failure
@@ -187,28 +187,28 @@ def _take_step(problem: ConstrainedProblem, march: _March, span: tuple[float, fl
     return march
 
 
-def _try_step(problem: ConstrainedProblem, march: _March, when: tuple[float, float], rules: _Rules) -> tuple[_March, float]:
-    """A sub-step and its local error over the size of positions.
+def _try_step(problem: ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float) -> tuple[_March, float]:
+    """A sub-step of a length [s] that ends at a time [s], and its local error over the size of positions.
 
     Raises:
         ConvergenceError: Newton's method fails with a matrix for each correction too, or the step is too coarse.
     """
-    length, old = when[1], march.state
+    old = march.state
     # the auxiliary acceleration lies a share of the last step beside the state
     auxiliary = old.acceleration + length / march.step * (march.auxiliary - old.acceleration)
-    how = (rules.scheme, rules.tolerance)
+    known = march.shrinking
     try:
-        new, averaged, shrinking = _advance(problem, (old, auxiliary), when, how, march.shrinking)
+        new, averaged, shrinking = _advance(problem, old, auxiliary, rules, time=time, length=length, shrinking=known)
     except ConvergenceError:
-        new, averaged, _ = _advance(problem, (old, auxiliary), when, how, np.inf, full=True)
+        new, averaged, _ = _advance(problem, old, auxiliary, rules, time=time, length=length, shrinking=np.inf, full=True)
         shrinking = np.inf
     change = float(np.abs(new.acceleration - old.acceleration).max(initial=0.0))
     error = abs(rules.scheme.beta - 1.0 / 6.0) * length**2 * change / (1.0 + float(np.abs(new.position).max(initial=0.0)))
     if not error <= rules.accuracy:
-        raise ConvergenceError(f"the local error of the step to t = {when[0]:.6g} s is {error:.2g}, wanted {rules.accuracy:.2g}")
+        raise ConvergenceError(f"the local error of the step to t = {time:.6g} s is {error:.2g}, wanted {rules.accuracy:.2g}")
     fastest = max(float(np.abs(state.velocity).max(initial=0.0)) for state in (old, new))
     if length * change > LARGEST_JUMP * fastest and _dependence(problem, new) < NEAR_SINGULAR:
-        raise ConvergenceError(f"the velocities jump in the step to t = {when[0]:.6g} s")
+        raise ConvergenceError(f"the velocities jump in the step to t = {time:.6g} s")
     return _March(new, averaged, length, march.share, shrinking), error
 
 
@@ -230,20 +230,38 @@ def _explain(problem: ConstrainedProblem, state: MotionState, failure: Convergen
     return f"{parts}. The pose is not singular: look for forces that jump or a start that violates the constraints, or take a smaller step"
 
 
+class _Advanced(NamedTuple):
+    """State and averaged acceleration ``(n,)`` after a sub-step, and by how much corrections got smaller; see :class:`_March`."""
+
+    state: MotionState
+    auxiliary: FloatArray
+    shrinking: float
+
+
 def _advance(
     problem: ConstrainedProblem,
-    before: tuple[MotionState, FloatArray],
-    when: tuple[float, float],
-    how: tuple[AlphaScheme, float],
-    shrinking: float,
+    old: MotionState,
+    auxiliary: FloatArray,
+    rules: _Rules,
     *,
+    time: float,
+    length: float,
+    shrinking: float,
     full: bool = False,
-) -> tuple[MotionState, FloatArray, float]:
-    """One step; ``shrinking`` is by how much a correction was smaller than the one before it, when that was last measured.
+) -> _Advanced:
+    """One sub-step.
 
-    With ``full`` each correction has a matrix of its own, and motions that it hardly determines get the smallest correction.
+    Args:
+        problem: Equations of motion.
+        old: The state before.
+        auxiliary: ``(n,)`` averaged acceleration before.
+        rules: Scheme and tolerance.
+        time: At the end [s].
+        length: Of the sub-step [s].
+        shrinking: By how much a correction was smaller than the one before it, when that was last measured.
+        full: Each correction has a matrix of its own, and motions that it hardly determines get the smallest correction.
     """
-    (old, auxiliary), (time, h), (scheme, tolerance) = before, when, how
+    scheme, tolerance, h = rules.scheme, rules.tolerance, length
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     # predict with zero change of acceleration
     acceleration = old.acceleration
@@ -275,7 +293,7 @@ def _advance(
         # good enough where the next correction would be (Hairer and Wanner 1996, sec. IV.8), or where corrections are roundoff
         measured = size / last if last < np.inf else shrinking
         if min(size, 2.0 * measured * size) <= tolerance or (size <= 100.0 * tolerance and size > 0.5 * last):
-            return state, rest + share * state.acceleration, measured
+            return _Advanced(state, rest + share * state.acceleration, measured)
         last = size
     raise ConvergenceError(
         f"the step to t = {time:.6g} s does not converge: the last correction is {last:.2g}, wanted {tolerance:.2g}"

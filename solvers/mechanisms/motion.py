@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -134,6 +135,14 @@ class PartitionedMotion:
         return float(drives + tool - rates @ _damping(self.model, len(rates)) @ rates)
 
 
+class EvaluatedMotion(NamedTuple):
+    """Dynamics at a state of motion, with all coordinates ``(n,)`` [m, rad] and accelerations ``(n,)`` [m/s^2, rad/s^2]."""
+
+    dynamics: MechanismDynamics
+    coordinates: FloatArray
+    accelerations: FloatArray
+
+
 @dataclass(eq=False)
 class ConstrainedMotion:
     """The full DAE in passive and compliant coordinates with its multipliers (eq. 6), for :func:`integrate_motion`.
@@ -154,14 +163,14 @@ class ConstrainedMotion:
         """Passive and compliant coordinates among all."""
         return slice(self.model.mechanism.passive_slice.start, len(self.model.mechanism.coordinates))
 
-    def evaluate(self, state: MotionState) -> tuple[MechanismDynamics, FloatArray, FloatArray]:
-        """Dynamics, coordinates ``(n,)`` and accelerations ``(n,)`` at a state of motion."""
+    def evaluate(self, state: MotionState) -> EvaluatedMotion:
+        """What the equations of motion hold at a state of motion."""
         drive = self.drive(state.time)
         coordinates = np.concatenate([drive.position, state.position])
         rates = np.concatenate([drive.speed, state.velocity])
         accelerations = np.concatenate([drive.acceleration, state.acceleration])
         dynamics = evaluate_dynamics(self.model, evaluate_kinematics(self.model.mechanism, coordinates), rates)
-        return dynamics, coordinates, accelerations
+        return EvaluatedMotion(dynamics, coordinates, accelerations)
 
     def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
         """Unbalanced forces ``(n - u,)`` and open loops ``(m,)``."""
@@ -172,7 +181,7 @@ class ConstrainedMotion:
 
     def linearise(self, state: MotionState) -> Linearisation:
         """Mass, damping and springs, and the closures' Jacobian."""
-        dynamics = self.last[1] if self.last is not None and self.last[0] is state else self.evaluate(state)[0]
+        dynamics = self.last[1] if self.last is not None and self.last[0] is state else self.evaluate(state).dynamics
         size, give = len(state.position), len(self.model.mechanism.compliant)
         stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
         springs = self.model.springs.stiffness(self.drive(state.time).position)

@@ -45,7 +45,8 @@ class PathDrive:
 
     def at(self, times: FloatArray | float) -> Drive:
         """Positions, speeds and accelerations ``(..., u)`` at times."""
-        return Drive(*(np.asarray(self.law(times, nu=order)) for order in range(3)))
+        position, speed, acceleration = (np.asarray(self.law(times, nu=order)) for order in range(3))
+        return Drive(position, speed, acceleration)
 
     def rigid_states(self, times: FloatArray) -> FloatArray:
         """``(..., n)`` rigid coordinates between the nodes, good enough to start Newton's method from."""

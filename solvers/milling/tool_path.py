@@ -91,9 +91,11 @@ class SmoothPath:
             primitives.append(primitives[-1].antiderivative())
         # p' takes one antiderivative less and a difference more than p, p'' two
         values = [self._averaged(primitives[AVERAGES - order], times) for order in range(3)]
-        flat = [np.stack([value.real, value.imag, np.zeros(len(times))], axis=-1).astype(float) for value in values]
-        flat[0][:, 2] = self.height
-        return PathPoints(*flat)
+        position, velocity, acceleration = (
+            np.stack([value.real, value.imag, np.zeros(len(times))], axis=-1).astype(float) for value in values
+        )
+        position[:, 2] = self.height
+        return PathPoints(position, velocity, acceleration)
 
     def velocity(self, times: FloatArray) -> FloatArray:
         """``(n, 3)`` velocities alone, for a third of the work."""

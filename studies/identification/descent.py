@@ -7,6 +7,7 @@ costs next to nothing. What looks better there is tried on the machine itself.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -272,19 +273,26 @@ def _run_start(problem: FitProblem, start: FloatArray) -> StartRecord:
     except HeadstockError as error:
         return StartRecord(start, None, 1, 0, 0, converged=False, reason=str(error))
     for _ in range(ROUNDS if problem.settings.pairing == "best" else 0):
-        better, tried, refused = _try_exchanges(problem, record)
-        record = _count(record, better or record, tried, refused)
-        if better is None:
+        trial = _try_exchanges(problem, record)
+        record = _count(record, trial)
+        if trial.better is None:
             break
     return record
 
 
-def _try_exchanges(problem: FitProblem, record: StartRecord) -> tuple[StartRecord | None, int, int]:
-    """The first exchange of modes that leads to a lower end, and what trying cost."""
+class _Trial(NamedTuple):
+    """The first exchange of modes that leads to a lower end, where there is one, and the evaluations that trying took or that failed."""
+
+    better: StartRecord | None
+    tried: int
+    refused: int
+
+
+def _try_exchanges(problem: FitProblem, record: StartRecord) -> _Trial:
     tried = refused = 0
     point = record.end
     if point is None:
-        return None, 0, 0
+        return _Trial(None, 0, 0)
     for pairings in propose_exchanges(problem, point):
         try:
             followed = _descend(problem, point.coordinates, exchange_modes(problem, point, pairings), at_most=TRIAL_STEPS)
@@ -294,17 +302,18 @@ def _try_exchanges(problem: FitProblem, record: StartRecord) -> tuple[StartRecor
         tried, refused = tried + followed.evaluations, refused + followed.refused
         if followed.end is not None and followed.cost < WORTHWHILE * record.cost:
             found = _descend(problem, followed.end.coordinates, None)
-            return found, tried + found.evaluations, refused + found.refused
-    return None, tried, refused
+            return _Trial(found, tried + found.evaluations, refused + found.refused)
+    return _Trial(None, tried, refused)
 
 
-def _count(before: StartRecord, after: StartRecord, tried: int, refused: int) -> StartRecord:
+def _count(before: StartRecord, trial: _Trial) -> StartRecord:
     """The later record with what both took."""
+    after = trial.better or before
     return StartRecord(
         start=before.start,
         end=after.end,
-        evaluations=before.evaluations + tried,
-        refused=before.refused + refused,
+        evaluations=before.evaluations + trial.tried,
+        refused=before.refused + trial.refused,
         exchanges=before.exchanges + (after is not before),
         converged=after.converged,
         reason=after.reason,

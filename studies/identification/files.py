@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Literal, NotRequired, TypedDict
 
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
@@ -18,7 +19,7 @@ OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"
 VARIANT = "calibrated"
 CORRELATION_SHOWN = 0.9
-_SCALES = {"frequency": 1.0, "compliance": 1e9}
+_SCALES = {"frequency": 1.0, "compliance": UM_PER_KN}
 _UNITS = {"frequency": "Hz", "compliance": "um/kN"}
 
 

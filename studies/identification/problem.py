@@ -260,7 +260,8 @@ def evaluate(problem: FitProblem, coordinates: FloatArray, anchor: FitPoint | No
     values = problem.values(coordinates)
     states = tuple(solve_case(model, values) for model in problem.cases)
     if anchor is not None:
-        pairings = tuple(follow_modes(*item) for item in zip(anchor.states, anchor.pairings, states, strict=True))
+        known = zip(anchor.states, anchor.pairings, states, strict=True)
+        pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in known)
     else:
         pairings = tuple(pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -162,8 +163,16 @@ def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement])
     return weighed
 
 
-def principal_compliance(compliance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Largest motion per unit force ``(n,)``, the force's direction ``(n, 3)`` and largest over smallest ``(n,)``.
+class PrincipalCompliance(NamedTuple):
+    """Largest motion per unit force ``(n,)`` [m/N], the force's direction ``(n, 3)`` and largest over smallest ``(n,)``."""
+
+    largest: FloatArray
+    direction: FloatArray
+    ratio: FloatArray
+
+
+def principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
+    """Largest and smallest of the directions in which force and motion are parallel.
 
     The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are parallel.
     """
@@ -179,7 +188,7 @@ def principal_compliance(compliance: FloatArray) -> tuple[FloatArray, FloatArray
     direction[known] = axis * np.sign(ahead)
     stiff = levels[:, 0] > 0.0
     ratio[known] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
-    return largest, direction, ratio
+    return PrincipalCompliance(largest, direction, ratio)
 
 
 def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
@@ -189,7 +198,8 @@ def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
     span = slice(3 * place, 3 * place + 3)
     links = tuple(result.links[span] if has else ("", "", "") for result, has in zip(found, known, strict=True))
     shares = np.array([result.link_shares[span] if has else np.full(3, np.nan) for result, has in zip(found, known, strict=True)])
-    return PointMap(compliance, *principal_compliance(compliance), links, shares)
+    principal = principal_compliance(compliance)
+    return PointMap(compliance, principal.largest, principal.direction, principal.ratio, links, shares)
 
 
 def _figures(found: Sequence[PoseResult], place: int) -> FloatArray:

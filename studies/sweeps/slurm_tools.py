@@ -8,6 +8,7 @@ import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from headstock.geometry.errors import HeadstockError
 
@@ -103,8 +104,15 @@ def read_states(job: str) -> dict[int, TaskState]:
     return states
 
 
-def _call(words: Sequence[str]) -> tuple[int, str, str]:
+class _Reply(NamedTuple):
     """Exit code, standard output and standard error of a program."""
+
+    code: int
+    said: str
+    complaint: str
+
+
+def _call(words: Sequence[str]) -> _Reply:
     host = os.environ.get(HOST_VARIABLE)
     if host and shutil.which(words[0]) is None:
         return _call_outside(Path(host), words)
@@ -113,13 +121,13 @@ def _call(words: Sequence[str]) -> tuple[int, str, str]:
             words, capture_output=True, text=True, errors="replace", timeout=TOOL_SECONDS, stdin=subprocess.DEVNULL
         )
     except FileNotFoundError:
-        return NOT_FOUND, "", f"{words[0]}: not found"
+        return _Reply(NOT_FOUND, "", f"{words[0]}: not found")
     except subprocess.TimeoutExpired:
-        return 1, "", f"no answer in {TOOL_SECONDS:.0f} s"
-    return done.returncode, done.stdout, done.stderr
+        return _Reply(1, "", f"no answer in {TOOL_SECONDS:.0f} s")
+    return _Reply(done.returncode, done.stdout, done.stderr)
 
 
-def _call_outside(host: Path, words: Sequence[str]) -> tuple[int, str, str]:
+def _call_outside(host: Path, words: Sequence[str]) -> _Reply:
     name = f"{os.getpid()}-{next(_numbers)}"
     (host / f"{name}.words").write_text("".join(f"{word}\n" for word in words))
     with (host / "requests").open("w") as pipe:
@@ -127,7 +135,7 @@ def _call_outside(host: Path, words: Sequence[str]) -> tuple[int, str, str]:
     end = time.monotonic() + TOOL_SECONDS
     while not (host / f"{name}.code").exists():
         if time.monotonic() > end:
-            return 1, "", f"no answer in {TOOL_SECONDS:.0f} s"
+            return _Reply(1, "", f"no answer in {TOOL_SECONDS:.0f} s")
         time.sleep(POLL_SECONDS)
-    said = [(host / f"{name}.{kind}").read_text(errors="replace") for kind in ("code", "out", "err")]
-    return int(said[0]), said[1], said[2]
+    code, said, complaint = ((host / f"{name}.{kind}").read_text(errors="replace") for kind in ("code", "out", "err"))
+    return _Reply(int(code), said, complaint)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.effecting import show_share, tell_trial
+from headstock.app.actions.effecting import tell_trial
 from headstock.app.command_line import main
+from headstock.pipeline.results.estimates import show_share
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.studies.effects import Change, EffectTrial, compare_answers, list_answers, rank_trials, try_effects

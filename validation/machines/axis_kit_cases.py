@@ -7,6 +7,7 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.static import UM_PER_KN
 from headstock.solvers.linear.mode_pairing import ModePair, ModeSet, match_frequencies, pair_modes
 from headstock.validation.machines.axis_kit_models import (
     LISTED_TO_HZ,
@@ -30,7 +31,6 @@ TABLE_TOLERANCE, COMPLIANCE_TOLERANCE, FIDELITY_TOLERANCE, FEM_TOLERANCE = 0.03,
 MOST_EXTRA = 2
 SIMILAR_MAC = 0.9
 DIRECTIONS = "XYZABC"
-UM_PER_KN = 1e9
 
 KitModels = Mapping[tuple[str, KitFidelity], KitModel]
 

@@ -256,7 +256,8 @@ def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: 
         name = str(carriage.rail.interface)
         fit = fit_rail(component.name, component.interfaces[name], measure_patch(mesh, name))
         blur = float(np.diff(fit.knots).max())
-        rail = Rail(fit.axis, fit.center, *carriage.span, fit.knots, np.eye(4 * len(fit.points)), blur)
+        low, high = carriage.span
+        rail = Rail(fit.axis, fit.center, low, high, fit.knots, np.eye(4 * len(fit.points)), blur)
         rows = np.zeros((6, 3 * len(mesh.points)))
         rows[:, (3 * fit.patch.nodes[:, None] + np.arange(3)).ravel()] = (
             carriage_rows(rail, carriage.place, carriage.length) @ fit.operator.T

@@ -121,7 +121,7 @@ def _place_absolutely(
         pulls.append(basis.T @ stacked @ travel)
         rows.append(seen @ basis)
         drift.append(seen @ travel)
-    return AbsoluteMachine(mass, places, *(np.array(item) for item in (stiffnesses, pulls, rows, drift)))
+    return AbsoluteMachine(mass, places, np.array(stiffnesses), np.array(pulls), rows=np.array(rows), drift=np.array(drift))
 
 
 def _integrate_absolutely(machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float) -> FloatArray:

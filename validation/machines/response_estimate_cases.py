@@ -159,7 +159,10 @@ def check_mesh_response_estimates(comm: MPI.Comm) -> list[ValidationRow]:
     """Estimated against true errors of nine responses per line, and of the most negative real parts, over kinds and sizes of elements."""
     rows: list[ValidationRow] = []
     if comm.rank == 0:
-        parts = [compare_meshes(machine, *MESHES[machine.name]) for machine in (_cantilever(), _hollow_column())]
+        parts = []
+        for machine in (_cantilever(), _hollow_column()):
+            fine, meshes = MESHES[machine.name]
+            parts.append(compare_meshes(machine, fine, meshes))
         for name, found in zip(MESHES, parts, strict=True):
             rows += [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
         for what in parts[0]:
@@ -185,9 +188,10 @@ def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSe
     lines, direct, depths = [], [], []
     for mesh in meshes:
         found = _respond(_reduced(machine, mesh), places)
-        pair = np.abs(found.lines.receptance - right.lines.receptance) / sizes, found.changes / sizes
-        lines.append(ErrorPairs(pair[0].ravel(), pair[1].ravel()))
-        direct.append(ErrorPairs(*(np.diagonal(each, axis1=1, axis2=2).ravel() for each in pair)))
+        true, estimated = np.abs(found.lines.receptance - right.lines.receptance) / sizes, found.changes / sizes
+        along, foreseen = (np.diagonal(each, axis1=1, axis2=2) for each in (true, estimated))
+        lines.append(ErrorPairs(true.ravel(), estimated.ravel()))
+        direct.append(ErrorPairs(along.ravel(), foreseen.ravel()))
         depths.append(ErrorPairs(np.abs(found.depths / right.depths - 1.0), np.abs(found.depth_errors / right.depths)))
     return {"lines": join_pairs(lines), "lines along the load": join_pairs(direct), "most negative real part": join_pairs(depths)}
 

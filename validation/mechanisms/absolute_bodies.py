@@ -8,6 +8,7 @@ chain model, so nothing of it is used here.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,6 +98,15 @@ class Motion:
     jacobian: FloatArray
 
 
+class ScalarMotion(NamedTuple):
+    """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all velocities."""
+
+    value: float
+    rate: float
+    bias: float
+    jacobian: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class AbsoluteSolution:
     """Accelerations and constraint forces at an instant.
@@ -157,12 +167,12 @@ class _Vectors:
         end, start = self.point(item.end), self.point(item.start)
         return Motion(end.value - start.value, end.rate - start.rate, end.bias - start.bias, end.jacobian - start.jacobian)
 
-    def product(self, item: Product) -> tuple[float, float, float, FloatArray]:
-        """Value, rate, bias acceleration and Jacobian of a scalar product."""
+    def product(self, item: Product) -> ScalarMotion:
+        """Motion of a scalar product."""
         x, y = self.of(item.first), self.of(item.second)
         value, rate = float(x.value @ y.value), float(x.rate @ y.value + x.value @ y.rate)
         bias = float(x.bias @ y.value + 2.0 * x.rate @ y.rate + x.value @ y.bias)
-        return value, rate, bias, y.value @ x.jacobian + x.value @ y.jacobian
+        return ScalarMotion(value, rate, bias, y.value @ x.jacobian + x.value @ y.jacobian)
 
 
 def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, force: FloatArray) -> AbsoluteSolution:
@@ -182,8 +192,8 @@ def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, for
         applied -= jacobian * (spring.stiffness(time) * value + spring.damping * rate)
     rows = [vectors.product(item) for item in system.constraints]
     wanted = [item.value(time) for item in system.constraints]
-    jacobian = np.array([row[3] for row in rows])
-    right = np.array([c[2] - row[2] for row, c in zip(rows, wanted, strict=True)])
+    jacobian = np.array([row.jacobian for row in rows])
+    right = np.array([c[2] - row.bias for row, c in zip(rows, wanted, strict=True)])
     count = len(rows)
     matrix = np.block([[mass, jacobian.T], [jacobian, np.zeros((count, count))]])
     found = np.linalg.solve(matrix, np.concatenate([applied, right]))
@@ -192,9 +202,9 @@ def solve_instant(system: AbsoluteSystem, time: float, state: AbsoluteState, for
         acceleration=motion[:, :3],
         spin_rate=motion[:, 3:],
         multipliers=found[len(mass) :],
-        violation=max(abs(row[0] - c[0]) for row, c in zip(rows, wanted, strict=True)),
-        stretch=np.array([row[0] for row in lengths]),
-        stretch_acceleration=np.array([row[2] + row[3] @ found[: len(mass)] for row in lengths]),
+        violation=max(abs(row.value - c[0]) for row, c in zip(rows, wanted, strict=True)),
+        stretch=np.array([row.value for row in lengths]),
+        stretch_acceleration=np.array([row.bias + row.jacobian @ found[: len(mass)] for row in lengths]),
     )
 
 

@@ -1,7 +1,8 @@
 """The beams of the reference study by second-order elements, against converged 3D values and beam theories; kinds of motion of their modes."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -98,7 +99,7 @@ def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
         ("Saint-Venant", 3, float(torsional_frequencies(along_x, "clamped-free", 1)[0]), WARPING),
         ("Vlasov", 3, float(clamped_free_torsion(along_x, 1)[0]), THIN_WALLED),
     ]
-    return _modal_rows("seed-cantilever", column, ("z-",), (COLUMN_SIZES, COLUMN_ORDER, theories), comm)
+    return _modal_rows("seed-cantilever", column, ("z-",), sizes=COLUMN_SIZES, order=COLUMN_ORDER, theories=theories, comm=comm)
 
 
 def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
@@ -113,7 +114,9 @@ def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
     theories += [("Timoshenko", 4, float(timoshenko_frequencies(upright, "clamped-clamped", 1)[0]), DEEP)]
     theories += [("Saint-Venant", number, float(twist[k]), WARPING) for k, number in enumerate((1, 3))]
     theories += [("Vlasov", number, float(warped[k]), THIN_WALLED) for k, number in enumerate((1, 3))]
-    return _modal_rows("seed-fixed-beam", fixed_beam, ("y-", "y+"), (FIXED_SIZES, FIXED_ORDER, theories), comm)
+    return _modal_rows(
+        "seed-fixed-beam", fixed_beam, ("y-", "y+"), sizes=FIXED_SIZES, order=FIXED_ORDER, theories=theories, comm=comm
+    )
 
 
 def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
@@ -175,36 +178,44 @@ def _modal_rows(
     case: str,
     build: Callable[[MeshSettings], Component],
     faces: Sequence[str],
-    expected: tuple[dict[CellKind, tuple[float, float, float]], list[str], list[Theory]],
+    *,
+    sizes: Mapping[CellKind, tuple[float, float, float]],
+    order: Sequence[str],
+    theories: Sequence[Theory],
     comm: MPI.Comm,
 ) -> list[ValidationRow]:
-    sizes_of, order, theories = expected
     reference = reference_case(case)
     rows: list[ValidationRow] = []
     finest: FloatArray = np.zeros(COUNT)
-    for kind, sizes in sizes_of.items():
+    for kind, steps in sizes.items():
         found = []
-        for size in sizes:
+        for size in steps:
             component = build(mesh_settings(kind, size))
-            frequencies, kinds, dofs = _clamped_modes(component, clamp(component.name, *faces), comm, 1 if len(faces) == 2 else 2)
-            found.append(frequencies)
+            modes = _clamped_modes(component, clamp(component.name, *faces), comm, 1 if len(faces) == 2 else 2)
+            found.append(modes.frequencies_hz)
         finest = found[-1]
-        remark = f"{dofs} dofs"
+        remark = f"{modes.dofs} dofs"
         rows += _named_after(kind, judge_all(case, reference, finest, notes=[remark] * COUNT))
-        misplaced = sum(left != right for left, right in zip(kinds, order, strict=True))
+        misplaced = sum(left != right for left, right in zip(modes.kinds, order, strict=True))
         rows.append(judge_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0))
         rows += _observed_orders(case, kind, np.array(found))
     return rows + _theory_rows(case, reference, finest, theories)
 
 
-def _clamped_modes(
-    component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int
-) -> tuple[FloatArray, list[str], int]:
+class _ClampedModes(NamedTuple):
+    """Frequencies ``(m,)`` [Hz], how each mode moves, and the dofs of the model."""
+
+    frequencies_hz: FloatArray
+    kinds: list[str]
+    dofs: int
+
+
+def _clamped_modes(component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int) -> _ClampedModes:
     mesh = shared_mesh(component, supports, comm=comm)
     model = full_model(mesh, component.material, comm=comm, held=held_by(mesh, supports))
     modes = full_modes(model, COUNT)
     shapes = model.everywhere(modes.shapes[:, :COUNT]).reshape(-1, COUNT)
-    return modes.frequencies_hz[:COUNT], beam_mode_kinds(mesh.points, shapes, axis), 3 * len(mesh.points)
+    return _ClampedModes(modes.frequencies_hz[:COUNT], beam_mode_kinds(mesh.points, shapes, axis), 3 * len(mesh.points))
 
 
 def _observed_orders(case: str, kind: str, found: FloatArray) -> list[ValidationRow]:

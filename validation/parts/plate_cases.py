@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -60,7 +60,7 @@ def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
     """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against finer ones."""
     rows: list[ValidationRow] = []
     for coupling in COUPLINGS:
-        exact, _, _ = _reduce(_sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm)
+        exact = _reduce(_sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm).frequencies_hz
         found, dofs, seconds = _reduce(_sheet_on_pads(coupling, MeshSettings(0.015, cells="hex")), (), comm)
         worst = int(np.argmax(np.abs(found / exact - 1.0)))
         text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
@@ -86,8 +86,15 @@ def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
     return np.asarray(factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness)))
 
 
-def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> tuple[FloatArray, int, float]:
+class _Solved(NamedTuple):
     """Three frequencies [Hz], dofs, and processor seconds of the reduction."""
+
+    frequencies_hz: FloatArray
+    dofs: int
+    seconds: float
+
+
+def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI.Comm) -> _Solved:
     faces = {"one face": ("x-",), "two faces": ("x-", "x+")}.get(held, ())
     interfaces = {f"f{i}": Interface(f"f{i}", (Patch(face),), "rigid") for i, face in enumerate(faces)}
     edges = {"x-": ("y", "z"), "x+": ("y", "z"), "y-": ("x", "z"), "y+": ("x", "z")} if not faces else {}
@@ -97,11 +104,11 @@ def _frequencies(held: str, thickness: float, cells: str, size: float, comm: MPI
     return _reduce(plate, supports, comm)
 
 
-def _reduce(plate: Component, supports: Sequence[Support], comm: MPI.Comm) -> tuple[FloatArray, int, float]:
+def _reduce(plate: Component, supports: Sequence[Support], comm: MPI.Comm) -> _Solved:
     mesh = shared_mesh(plate, supports, (), comm=comm)
     start = time.process_time()
     request = ReductionRequest(modes=ModeTarget(count=3), recovery=False, errors=False)
     element = reduce_elastic(plate, mesh, supports, (), comm=comm, request=request)
     seconds = time.process_time() - start
     check_superelement(element)
-    return element.modal_frequencies_hz[:3], 3 * len(mesh.points), seconds
+    return _Solved(element.modal_frequencies_hz[:3], 3 * len(mesh.points), seconds)
