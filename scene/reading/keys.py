@@ -49,10 +49,10 @@ def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
     """
     value: TomlValue = raw
     for part in key:
-        if (isinstance(value, dict) and isinstance(part, str)) or (
-            isinstance(value, list) and isinstance(part, int) and part < len(value)
-        ):
+        if isinstance(value, list) and isinstance(part, int) and part < len(value):
             value = value[part]
+        elif isinstance(value, dict) and part in value:
+            value = value[str(part)]
         else:
             raise KeyError(show_key(key))
     return value
