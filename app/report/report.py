@@ -3,7 +3,7 @@
 import base64
 import functools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from headstock.app.report.figures import draw_budget, draw_frequencies, draw_poles, draw_stack, percent
+from headstock.app.report.figures import JOINT_COLOR, draw_budget, draw_frequencies, draw_poles, draw_stack, percent
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
 from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
@@ -32,10 +32,18 @@ from headstock.app.texts.error_texts import (
     show_size,
 )
 from headstock.app.texts.tables import (
+    COMPONENT_COLUMNS,
+    DRIVE_COLUMNS,
+    POLE_COLUMNS,
+    PROBE_COLUMNS,
+    ZONE_COLUMNS,
+    Cell,
+    Column,
     ModeRow,
     encode_csv,
     list_modes,
     list_tables,
+    list_zones,
     overlaid_responses,
     path_stem,
     shared_budget,
@@ -158,6 +166,45 @@ def format_number(value: float, digits: int = 4) -> str:
         return f"{mantissa}·10{raise_digits(int(exponent))}".replace("-", "−")
     whole = len(str(int(abs(value)))) if abs(value) >= 1.0 else 0
     return f"{value:,.{max(0, digits - whole)}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def draw_rows[Row](
+    columns: Sequence[Column[Row]], rows: Iterable[Row], identity: str, colors: Mapping[str, str] | None = None
+) -> Markup:
+    """A table of the report, of the columns that it has there.
+
+    Args:
+        columns: Of the table.
+        rows: As the columns take them.
+        identity: ``id`` in the page.
+        colors: Name in the first column to the colour of a dot before it.
+    """
+    shown = [column for column in columns if column.report]
+    body, numeric = [], [False] * len(shown)
+    for row in rows:
+        cells = []
+        for place, column in enumerate(shown):
+            value = column.value(row)
+            numeric[place] |= isinstance(value, int | float)
+            cells.append(_row_cell(column, value))
+        if colors is not None:
+            dot = Markup('<td class="name"><span class="dot" style="background:{}"></span> {}</td>')
+            cells[0] = dot.format(colors.get(str(shown[0].value(row)), JOINT_COLOR), shown[0].value(row))
+        body.append(Markup("<tr>{}</tr>\n").format(Markup("").join(cells)))
+    heads = [
+        Markup('<th class="number">{}</th>' if number else "<th>{}</th>").format(column.report)
+        for column, number in zip(shown, numeric, strict=True)
+    ]
+    table = Markup('<div class="scroll"><table id="{}"><thead><tr>{}</tr></thead><tbody>\n{}</tbody></table></div>')
+    return table.format(identity, Markup("").join(heads), Markup("").join(body))
+
+
+def _row_cell[Row](column: Column[Row], value: Cell) -> Markup:
+    if isinstance(value, str):
+        return Markup("<td>{}</td>").format(value)
+    if value is not None and column.show is not None:
+        return Markup('<td class="number">{}</td>').format(_data(value, _typeset(column.show(value))))
+    return Markup('<td class="number">{}</td>').format(show_number(value, column.digits, column.missing or "–"))
 
 
 def _bounded(value: float, error: float | None) -> Markup:
@@ -321,6 +368,14 @@ def report_environment() -> jinja2.Environment:
         "draw_poles": draw_poles,
         "draw_path": draw_path,
     }
+    tables = {
+        "components": COMPONENT_COLUMNS,
+        "probes": PROBE_COLUMNS,
+        "poles": POLE_COLUMNS,
+        "drives": DRIVE_COLUMNS,
+        "zones": ZONE_COLUMNS,
+    }
+    drawing |= {"draw_rows": draw_rows, "list_zones": list_zones, "columns": tables, "enumerate": enumerate}
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

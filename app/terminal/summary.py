@@ -1,6 +1,6 @@
 """What the terminal shows of a run: its plan, stages as they end, and everything that it found in tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -15,21 +15,33 @@ from headstock.app.texts.error_texts import (
     show_bounded,
     show_compliances,
     show_damped,
-    show_damping,
     show_damping_error,
     show_digits,
     show_size,
     show_span,
 )
-from headstock.app.texts.tables import list_modes, shared_budget, sort_shares, static_by_pose, top_shares
+from headstock.app.texts.tables import (
+    COMPONENT_COLUMNS,
+    DRIVE_COLUMNS,
+    POLE_COLUMNS,
+    PROBE_COLUMNS,
+    ZONE_COLUMNS,
+    Cell,
+    Column,
+    list_modes,
+    list_zones,
+    shared_budget,
+    sort_shares,
+    static_by_pose,
+    top_shares,
+)
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.planning.plan import Plan, StageRecord
-from headstock.pipeline.results.control import DriveSummary, PoleSummary
 from headstock.pipeline.results.frf import PortSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.path import PathSummary
-from headstock.pipeline.results.static import PointSummary, ProbeSummary
-from headstock.pipeline.results.summary import ComponentSummary, RunSummary
+from headstock.pipeline.results.static import PointSummary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene
 
 CONTRIBUTORS_SHOWN = 5
@@ -80,13 +92,13 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
     """
     console = make_console()
     console.print()
-    print_table(console, "Components", _component_table(summary["components"]))
+    print_table(console, "Components", tell_rows(COMPONENT_COLUMNS, summary["components"].items()))
     several = "static_poses" in summary
     for pose, points in static_by_pose(summary).items():
         for name, point in points.items():
             _print_point(console, f"{name} in pose {pose}" if several else name, point)
     for pose, probes in summary.get("probes", {}).items():
-        print_table(console, f"Under the static loads in pose {pose}", _probe_table(probes))
+        print_table(console, f"Under the static loads in pose {pose}", tell_rows(PROBE_COLUMNS, probes.items()))
     for modes in summary["modal"]:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         _print_error_shares(console, modes)
@@ -95,11 +107,15 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)
     if "path" in summary:
-        print_table(console, _path_title(summary["path"]), _path_table(summary["path"]))
+        print_table(console, _path_title(summary["path"]), tell_rows(ZONE_COLUMNS, list_zones(summary["path"])))
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
-        print_table(console, f"Closed-loop poles in pose {pose} up to {up_to:g} Hz", _pole_table(control["poles"]))
-        print_table(console, f"Drives in pose {pose}, lag at {speed:g} mm/min", _drive_table(control["drives"]))
+        print_table(
+            console,
+            f"Closed-loop poles in pose {pose} up to {up_to:g} Hz",
+            tell_rows(POLE_COLUMNS, enumerate(control["poles"], start=1)),
+        )
+        print_table(console, f"Drives in pose {pose}, lag at {speed:g} mm/min", tell_rows(DRIVE_COLUMNS, control["drives"].items()))
     for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
         console.print(words, markup=False)
     print_remarks([warning for warning in summary["warnings"] if warning not in said])
@@ -108,13 +124,23 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
     console.print(f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False)
 
 
-def _component_table(components: Mapping[str, ComponentSummary]) -> Table:
-    table = make_table("component", "fidelity", ">dofs", ">reduced", ">kg", ">modes to Hz")
-    for name, facts in components.items():
-        cutoff = "-" if not facts["cutoff_hz"] else f"{facts['cutoff_hz']:.0f}"
-        counts = (spaced(facts["full_dofs"]), str(facts["reduced_dofs"]))
-        add_row(table, name, facts["fidelity"], *counts, f"{facts['mass_kg']:.4g}", cutoff)
+def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
+    """A table on the screen, of the columns that it has there."""
+    shown = [column for column in columns if column.screen]
+    table = make_table(*(column.screen for column in shown))
+    for row in rows:
+        add_row(table, *(_tell(column, column.value(row)) for column in shown))
     return table
+
+
+def _tell[Row](column: Column[Row], value: Cell) -> str:
+    if isinstance(value, str):
+        return value
+    if value is None:
+        return column.missing or "-"
+    if column.show is not None:
+        return column.show(value)
+    return spaced(value) if isinstance(value, int) else f"{value:.{column.digits}g}"
 
 
 def _print_point(console: Console, place: str, point: PointSummary) -> None:
@@ -144,14 +170,6 @@ def _print_budget(console: Console, direction: str, shares: dict[str, float]) ->
     rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
     if rest >= SMALLEST_SHARE:
         console.print(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True)
-
-
-def _probe_table(probes: Mapping[str, ProbeSummary]) -> Table:
-    table = make_table("probe", "in", ">x µm", ">y µm", ">z µm", ">von Mises MPa", ">stress jump")
-    for name, probe in probes.items():
-        moved = (f"{value:.3f}" for value in probe["displacement_um"])
-        add_row(table, name, probe["component"], *moved, f"{probe['von_mises_mpa']:.3f}", f"{100 * probe['stress_jump']:.1f} %")
-    return table
 
 
 def describe_position(modes: ModesSummary) -> str:
@@ -227,42 +245,3 @@ def _path_title(path: PathSummary) -> str:
     moved = ", ".join(axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0))
     low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
     return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"
-
-
-def _path_table(path: PathSummary) -> Table:
-    table = make_table("feed", "<at", "<zone", ">peak", ">at s", ">span", ">static", ">ringing", ">settles", ">pose kept")
-    for run in path["feeds"]:
-        for output in run["outputs"]:
-            unit = "urad" if output["port"][1].startswith("r") else "um"
-            for zone, found in (("accel.", output["accelerating"]), ("decel.", output["decelerating"])):
-                sizes = {key: f"{found[f'{key}_{unit}']:.4f}" for key in ("peak", "span", "quasi_static", "dynamic", "frozen_peak")}
-                settling = "-" if found["settling_s"] is None else f"{found['settling_s']:.3f}"
-                cells = (sizes["peak"], f"{found['peak_s']:.4f}", sizes["span"], sizes["quasi_static"], sizes["dynamic"])
-                add_row(table, run["name"], " ".join(output["port"]), zone, *cells, settling, sizes["frozen_peak"])
-    return table
-
-
-def _pole_table(poles: Sequence[PoleSummary]) -> Table:
-    table = make_table(">no.", ">Hz", ">damping", ">decays in ms", "drive", "motion")
-    for number, pole in enumerate(poles, start=1):
-        decay = "grows" if pole["real"] > 0.0 else "never" if pole["real"] == 0.0 else f"{-1e3 / pole['real']:.4g}"
-        hz = "0" if pole["frequency_hz"] == 0.0 else f"{pole['frequency_hz']:.3f}"
-        add_row(table, str(number), hz, show_damping(pole["damping_ratio"]), decay, pole["drive"], pole["name"])
-    return table
-
-
-def _drive_table(drives: Mapping[str, DriveSummary]) -> Table:
-    table = make_table(
-        "drive", "encoder", ">kv 1/s", ">kp N s/m", ">motor kg", ">lag µm", ">bandwidth Hz", ">gain margin", ">phase margin °",
-        ">max |S|",
-    )  # fmt: skip
-    for name, drive in drives.items():
-        margins = drive["margins"]
-        numbers = [drive["kv_per_s"], drive["velocity_gain_n_s_per_m"], drive["motor_mass_kg"], drive["velocity_lag_um"]]
-        numbers += (
-            [None] * 4
-            if margins is None
-            else [margins["bandwidth_hz"], margins["gain"], margins["phase_deg"], margins["sensitivity"]]
-        )
-        add_row(table, name, drive["encoder"], *("-" if number is None else f"{number:.4g}" for number in numbers))
-    return table

@@ -4,23 +4,24 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from headstock.app.texts.error_texts import bound_size
+from headstock.app.texts.error_texts import bound_size, show_damping
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.results.contouring import SeriesSummary
-from headstock.pipeline.results.control import ControlSummary
+from headstock.pipeline.results.control import DriveSummary, PoleSummary
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.path import PathCurves, deviation_unit
+from headstock.pipeline.results.path import FeedSummary, PathCurves, PathSummary, ZoneSummary, deviation_unit
 from headstock.pipeline.results.static import PointSummary, ProbeSummary
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.summary import ComponentSummary, RunSummary
 from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
@@ -38,6 +39,170 @@ class PlainTable:
     name: str
     headings: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Column[Row]:
+    """A column of a table, the same for the screen, the report and files; each leaves out what has no heading there.
+
+    Attributes:
+        value: Of a row, unrounded; None where there is none.
+        file: Heading in CSV files, with the unit.
+        screen: Heading on the screen, after ``>`` for numbers.
+        report: Heading in the report.
+        digits: Significant ones of a number on the screen and in the report.
+        show: Another way to write a number there.
+        missing: Written there in place of None; empty for a dash.
+    """
+
+    value: Callable[[Row], Cell]
+    file: str = ""
+    screen: str = ""
+    report: str = ""
+    digits: int = 4
+    show: Callable[[float], str] | None = None
+    missing: str = ""
+
+
+def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]) -> PlainTable:
+    """The columns of a table that files have.
+
+    Args:
+        name: Stem of the file.
+        columns: Of the table.
+        rows: As the columns take them.
+    """
+    kept = [column for column in columns if column.file]
+    headings = tuple(column.file for column in kept)
+    return PlainTable(name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows))
+
+
+def show_percent(share: float) -> str:
+    """A share in per cent, to a tenth."""
+    return f"{100.0 * share:.1f} %"
+
+
+COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
+    Column(lambda row: row[0], "component", "component", "Component"),
+    Column(lambda row: row[1]["fidelity"], "fidelity", "fidelity", "Fidelity"),
+    Column(lambda row: row[1]["full_dofs"], "dofs", ">dofs", "Dofs"),
+    Column(lambda row: row[1]["reduced_dofs"], "reduced dofs", ">reduced", "reduced to"),
+    Column(lambda row: row[1]["mass_kg"], "mass [kg]", ">kg", "Mass [kg]"),
+    Column(
+        lambda row: row[1]["cutoff_hz"],
+        *("modes complete to [Hz]", ">modes to Hz", "Modes complete to [Hz]"),
+        show=lambda hz: f"{hz:.0f}" if hz else "-",
+    ),
+    Column(lambda row: row[1]["residual"], "residual", report="Residual", digits=3),
+    Column(
+        lambda row: row[1]["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in row[1] else None,
+        file="worst scaled Jacobian",
+        report="Worst element (1 is ideal)",
+        digits=2,
+    ),
+    Column(lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None, report="Repaired elements"),
+)
+
+
+def _moved(axis: int) -> Column[tuple[str, ProbeSummary]]:
+    d = DIRECTIONS[axis]
+    return Column(lambda row: row[1]["displacement_um"][axis], f"displacement {d} [um]", f">{d} µm", f"{d} [µm]")
+
+
+def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
+    return Column(lambda row: row[1]["stress_mpa"][pair], f"stress {pair} [MPa]", report=f"{pair} [MPa]")
+
+
+PROBE_COLUMNS: tuple[Column[tuple[str, ProbeSummary]], ...] = (
+    Column(lambda row: row[0], "probe", "probe", "Probe"),
+    Column(lambda row: row[1]["component"], "component", "in", "Component"),
+    *(_moved(axis) for axis in range(3)),
+    *(_stressed(pair) for pair in ("xx", "yy", "zz", "xy", "xz", "yz")),
+    Column(lambda row: row[1]["von_mises_mpa"], "von Mises [MPa]", ">von Mises MPa", "von Mises [MPa]"),
+    Column(lambda row: row[1]["stress_jump"], "stress jump", ">stress jump", "Jump between elements", show=show_percent),
+)
+
+
+def _decay(row: tuple[int, PoleSummary]) -> Cell:
+    real = row[1]["real"]
+    return "grows" if real > 0.0 else "never" if real == 0.0 else -1e3 / real
+
+
+POLE_COLUMNS: tuple[Column[tuple[int, PoleSummary]], ...] = (
+    Column(lambda row: row[0], screen=">no.", report="No."),
+    Column(
+        lambda row: row[1]["frequency_hz"],
+        *("frequency [Hz]", ">Hz", "Hz"),
+        show=lambda hz: f"{hz:.3f}" if hz else "0",
+    ),
+    Column(lambda row: row[1]["damping_ratio"], "damping ratio", ">damping", "Damping", show=show_damping),
+    Column(_decay, screen=">decays in ms"),
+    Column(lambda row: row[1]["real"], "real [rad/s]"),
+    Column(lambda row: row[1]["imag"], "imaginary [rad/s]"),
+    Column(lambda row: row[1]["drive"], "drive", "drive", "Drive"),
+    Column(lambda row: row[1]["name"], "motion", "motion", "Motion"),
+)
+
+
+def _margin(
+    key: Literal["bandwidth_hz", "gain", "phase_deg", "sensitivity"], screen: str, report: str
+) -> Column[tuple[str, DriveSummary]]:
+    return Column(lambda row: row[1]["margins"][key] if row[1]["margins"] else None, screen=screen, report=report)
+
+
+DRIVE_COLUMNS: tuple[Column[tuple[str, DriveSummary]], ...] = (
+    Column(lambda row: row[0], screen="drive", report="Drive"),
+    Column(lambda row: row[1]["encoder"], screen="encoder", report="Position from"),
+    Column(lambda row: row[1]["kv_per_s"], screen=">kv 1/s", report="kv [1/s]"),
+    Column(lambda row: row[1]["velocity_gain_n_s_per_m"], screen=">kp N s/m", report="kp [N s/m]"),
+    Column(lambda row: row[1]["motor_mass_kg"], screen=">motor kg"),
+    Column(lambda row: 1e3 * row[1]["dead_time_s"], report="Dead time [ms]", digits=3),
+    Column(lambda row: row[1]["velocity_lag_um"], screen=">lag µm", report="Lag [µm]"),
+    _margin("bandwidth_hz", ">bandwidth Hz", "Bandwidth [Hz]"),
+    _margin("gain", ">gain margin", "Gain margin"),
+    _margin("phase_deg", ">phase margin °", "Phase margin [°]"),
+    _margin("sensitivity", ">max |S|", "Largest |S|"),
+)
+
+
+class ZoneRow(NamedTuple):
+    """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
+
+    run: FeedSummary
+    port: list[str]
+    zone: str
+    found: ZoneSummary
+
+    def size(self, name: str) -> float | None:
+        """One of its sizes, by its name without the unit."""
+        return self.found[f"{name}_{deviation_unit((self.port[0], self.port[1]))[0]}"]
+
+
+def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
+    """Every feed, output and ramp of a path analysis; of one output where its number is given."""
+    return [
+        ZoneRow(run, shown["port"], zone, found)
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number)
+        for zone, found in (("accelerating", shown["accelerating"]), ("decelerating", shown["decelerating"]))
+    ]
+
+
+ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.port), screen="<at"),
+    Column(lambda row: row.zone, screen="<zone", report="Zone"),
+    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s²]", digits=3),
+    Column(lambda row: row.size("peak"), screen=">peak", report="Peak"),
+    Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
+    Column(lambda row: row.size("span"), screen=">span", report="Peak to peak"),
+    Column(lambda row: row.size("quasi_static"), screen=">static", report="Quasi-static"),
+    Column(lambda row: row.size("dynamic"), screen=f">{PART_NAMES['dynamic']}", report=PART_NAMES["dynamic"].capitalize()),
+    Column(lambda row: row.size("rms"), report="rms"),
+    Column(lambda row: row.found["settling_s"], screen=">settles", report="below 5 % after [s]", digits=3, missing="never"),
+    Column(lambda row: row.size("frozen_peak"), screen=">pose kept", report="Peak, pose kept"),
+)
 
 
 def static_by_pose(summary: RunSummary) -> dict[str, dict[str, PointSummary]]:
@@ -112,17 +277,19 @@ def list_modes(modes: ModesSummary) -> list[ModeRow]:
 
 def list_tables(summary: RunSummary) -> list[PlainTable]:
     """Every table of a summary."""
-    tables = [_component_table(summary), _stage_table(summary)]
+    tables = [tabulate("components", COMPONENT_COLUMNS, summary["components"].items()), _stage_table(summary)]
     for pose, points in static_by_pose(summary).items():
         for name, point in points.items():
             stem = f"{file_stem(pose)}_{file_stem(name)}"
             tables += [_compliance_table(f"compliance_{stem}", point), _whole_compliance_table(f"compliance_6x6_{stem}", point)]
             tables.append(_budget_table(f"budget_{stem}", point["budget"]))
     tables += [_mode_table(modes) for modes in summary["modal"]]
-    tables += [_probe_table(pose, probes) for pose, probes in summary.get("probes", {}).items()]
+    for pose, probes in summary.get("probes", {}).items():
+        tables.append(tabulate(f"probes_{file_stem(pose)}", PROBE_COLUMNS, probes.items()))
     if "contouring" in summary:
         tables.append(_contour_table(summary["contouring"]["series"]))
-    tables += [_pole_table(pose, control) for pose, control in summary.get("control", {}).items()]
+    for pose, control in summary.get("control", {}).items():
+        tables.append(tabulate(f"poles_{file_stem(pose)}", POLE_COLUMNS, list(enumerate(control["poles"], start=1))))
     if "map" in summary:
         tables.append(_map_table(summary["map"]))
     return tables
@@ -137,15 +304,6 @@ def _contour_table(series: SeriesSummary) -> PlainTable:
         headings += [f"torque of motor {n} [Nm]" for n in (1, 2, 3)]
         rows = [(*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)]
     return PlainTable("contour", tuple(headings), tuple(rows))
-
-
-def _pole_table(pose: str, control: ControlSummary) -> PlainTable:
-    headings = ("frequency [Hz]", "damping ratio", "real [rad/s]", "imaginary [rad/s]", "drive", "motion")
-    rows = tuple(
-        (pole["frequency_hz"], pole["damping_ratio"], pole["real"], pole["imag"], pole["drive"], pole["name"])
-        for pole in control["poles"]
-    )
-    return PlainTable(f"poles_{file_stem(pose)}", headings, rows)
 
 
 def _map_table(found: MapSummary) -> PlainTable:
@@ -172,33 +330,6 @@ def _cell(value: Cell) -> Cell:
     if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
         return f"'{value}"
     return "" if value is None else value
-
-
-def _component_table(summary: RunSummary) -> PlainTable:
-    headings = (
-        "component",
-        "fidelity",
-        "dofs",
-        "reduced dofs",
-        "mass [kg]",
-        "modes complete to [Hz]",
-        "residual",
-        "worst scaled Jacobian",
-    )
-    rows = tuple(
-        (
-            name,
-            facts["fidelity"],
-            facts["full_dofs"],
-            facts["reduced_dofs"],
-            facts["mass_kg"],
-            facts["cutoff_hz"],
-            facts["residual"],
-            facts["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in facts else None,
-        )
-        for name, facts in summary["components"].items()
-    )
-    return PlainTable("components", headings, rows)
 
 
 def _stage_table(summary: RunSummary) -> PlainTable:
@@ -250,24 +381,6 @@ def _mode_table(modes: ModesSummary) -> PlainTable:
         for row in found
     )
     return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
-
-
-def _probe_table(pose: str, probes: Mapping[str, ProbeSummary]) -> PlainTable:
-    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
-    moved = tuple(f"displacement {d} [um]" for d in DIRECTIONS)
-    headings = ("probe", "component", *moved, *(f"stress {pair} [MPa]" for pair in pairs), "von Mises [MPa]", "stress jump")
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (
-            name,
-            probe["component"],
-            *probe["displacement_um"],
-            *(probe["stress_mpa"][pair] for pair in pairs),
-            probe["von_mises_mpa"],
-            probe["stress_jump"],
-        )
-        for name, probe in probes.items()
-    )
-    return PlainTable(f"probes_{file_stem(pose)}", headings, rows)
 
 
 def response_unit(motion: Motion, output: Port, given: Port) -> tuple[str, float]:
