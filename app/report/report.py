@@ -35,13 +35,14 @@ from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,
     POLE_COLUMNS,
+    PORT_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
-    Cell,
     Column,
     ModeRow,
     encode_csv,
     list_modes,
+    list_ports,
     list_tables,
     list_zones,
     overlaid_responses,
@@ -186,7 +187,7 @@ def draw_rows[Row](
         for place, column in enumerate(shown):
             value = column.value(row)
             numeric[place] |= isinstance(value, int | float)
-            cells.append(_row_cell(column, value))
+            cells.append(_row_cell(column, row))
         if colors is not None:
             dot = Markup('<td class="name"><span class="dot" style="background:{}"></span> {}</td>')
             cells[0] = dot.format(colors.get(str(shown[0].value(row)), JOINT_COLOR), shown[0].value(row))
@@ -199,9 +200,13 @@ def draw_rows[Row](
     return table.format(identity, Markup("").join(heads), Markup("").join(body))
 
 
-def _row_cell[Row](column: Column[Row], value: Cell) -> Markup:
+def _row_cell[Row](column: Column[Row], row: Row) -> Markup:
+    value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return Markup("<td>{}</td>").format(value)
+    if value is not None and error is not None:
+        bound = Markup('<span class="soft">{}</span>').format(_bound(error, value))
+        return Markup('<td class="number">{} {}</td>').format(_bounded(value, error), bound)
     if value is not None and column.show is not None:
         return Markup('<td class="number">{}</td>').format(_data(value, _typeset(column.show(value))))
     return Markup('<td class="number">{}</td>').format(show_number(value, column.digits, column.missing or "–"))
@@ -373,9 +378,16 @@ def report_environment() -> jinja2.Environment:
         "probes": PROBE_COLUMNS,
         "poles": POLE_COLUMNS,
         "drives": DRIVE_COLUMNS,
+        "ports": PORT_COLUMNS,
         "zones": ZONE_COLUMNS,
     }
-    drawing |= {"draw_rows": draw_rows, "list_zones": list_zones, "columns": tables, "enumerate": enumerate}
+    drawing |= {
+        "draw_rows": draw_rows,
+        "list_ports": list_ports,
+        "list_zones": list_zones,
+        "columns": tables,
+        "enumerate": enumerate,
+    }
     environment.globals |= {**drawing, "directions": DIRECTIONS}
     return environment
 

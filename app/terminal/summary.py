@@ -16,7 +16,6 @@ from headstock.app.texts.error_texts import (
     show_compliances,
     show_damped,
     show_damping_error,
-    show_digits,
     show_size,
     show_span,
 )
@@ -24,11 +23,12 @@ from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,
     POLE_COLUMNS,
+    PORT_COLUMNS,
     PROBE_COLUMNS,
     ZONE_COLUMNS,
-    Cell,
     Column,
     list_modes,
+    list_ports,
     list_zones,
     shared_budget,
     sort_shares,
@@ -37,7 +37,6 @@ from headstock.app.texts.tables import (
 )
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.planning.plan import Plan, StageRecord
-from headstock.pipeline.results.frf import PortSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.path import PathSummary
 from headstock.pipeline.results.static import PointSummary
@@ -103,7 +102,7 @@ def print_summary(summary: RunSummary, *, seconds: float, folder: object, said: 
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         _print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
-        print_table(console, f"Frequency response in pose {pose}", _response_table(response["ports"]))
+        print_table(console, f"Frequency response in pose {pose}", tell_rows(PORT_COLUMNS, list_ports(response)))
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)
     if "path" in summary:
@@ -129,15 +128,18 @@ def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table
     shown = [column for column in columns if column.screen]
     table = make_table(*(column.screen for column in shown))
     for row in rows:
-        add_row(table, *(_tell(column, column.value(row)) for column in shown))
+        add_row(table, *(_tell(column, row) for column in shown))
     return table
 
 
-def _tell[Row](column: Column[Row], value: Cell) -> str:
+def _tell[Row](column: Column[Row], row: Row) -> str:
+    value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return value
     if value is None:
         return column.missing or "-"
+    if error is not None:
+        return f"{show_bounded(value, error)} {show_bound(value, error)}"
     if column.show is not None:
         return column.show(value)
     return spaced(value) if isinstance(value, int) else f"{value:.{column.digits}g}"
@@ -223,22 +225,6 @@ def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
-
-
-def _response_table(ports: Sequence[PortSummary]) -> Table:
-    table = make_table(
-        "force at", ">static µm/kN", ">worst Re µm/kN", ">at Hz", ">-1/(2 Re) N/µm", ">softest N/µm", ">at Hz", "near mode"
-    )
-    for port in ports:
-        if "static_um_per_kN" in port:
-            static, worst, error = port["static_um_per_kN"], port["worst_real_um_per_kN"], port["worst_real_error_um_per_kN"]
-            numbers = ["free" if static is None else show_digits(static, 4)]
-            others = (port["worst_real_hz"], port["chatter_stiffness_N_per_um"], port["softest_N_per_um"], port["softest_hz"])
-            numbers += ["-" if value is None else show_digits(value, 4) for value in (worst, *others)]
-            if error is not None and worst is not None:
-                numbers[1] = f"{show_bounded(worst, error)} {show_bound(worst, error)}"
-            add_row(table, " ".join(port["port"]), *numbers, port["softest_mode"])
-    return table
 
 
 def _path_title(path: PathSummary) -> str:

@@ -11,11 +11,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from headstock.app.texts.error_texts import bound_size, show_damping
+from headstock.app.texts.error_texts import bound_size, show_damping, show_digits
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.results.contouring import SeriesSummary
 from headstock.pipeline.results.control import DriveSummary, PoleSummary
-from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.frf import PortSummary, ResponseCurves, ResponseSummary
 from headstock.pipeline.results.map import Grid, MapSummary
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import file_stem
@@ -53,6 +53,7 @@ class Column[Row]:
         digits: Significant ones of a number on the screen and in the report.
         show: Another way to write a number there.
         missing: Written there in place of None; empty for a dash.
+        error: How far the number of a row may be off; None where nobody says, and the number is then written like any other.
     """
 
     value: Callable[[Row], Cell]
@@ -62,6 +63,7 @@ class Column[Row]:
     digits: int = 4
     show: Callable[[float], str] | None = None
     missing: str = ""
+    error: Callable[[Row], float | None] | None = None
 
 
 def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]) -> PlainTable:
@@ -162,6 +164,45 @@ DRIVE_COLUMNS: tuple[Column[tuple[str, DriveSummary]], ...] = (
     _margin("gain", ">gain margin", "Gain margin"),
     _margin("phase_deg", ">phase margin °", "Phase margin [°]"),
     _margin("sensitivity", ">max |S|", "Largest |S|"),
+)
+
+
+def list_ports(response: ResponseSummary) -> list[PortSummary]:
+    """Ports of forces: those of moments are in files only."""
+    return [port for port in response["ports"] if "static_um_per_kN" in port]
+
+
+def _show_four(value: float) -> str:
+    return show_digits(value, 4)
+
+
+PORT_COLUMNS: tuple[Column[PortSummary], ...] = (
+    Column(lambda row: " ".join(row["port"]), screen="force at", report="Force and motion"),
+    Column(
+        lambda row: row["static_um_per_kN"],
+        screen=">static µm/kN",
+        report="static [µm/kN]",
+        show=_show_four,
+        missing="free",
+    ),
+    Column(
+        lambda row: row["worst_real_um_per_kN"],
+        screen=">worst Re µm/kN",
+        report="most negative real part [µm/kN]",
+        show=_show_four,
+        error=lambda row: row.get("worst_real_error_um_per_kN"),
+    ),
+    Column(lambda row: row["worst_real_hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
+    Column(
+        lambda row: row["chatter_stiffness_N_per_um"],
+        screen=">-1/(2 Re) N/µm",
+        report="chatter limit −1/(2 Re) [N/µm]",
+        show=_show_four,
+    ),
+    Column(lambda row: row["softest_N_per_um"], screen=">least N/µm", report="smallest dynamic stiffness [N/µm]", show=_show_four),
+    Column(lambda row: row["softest_hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
+    Column(lambda row: row["softest_mode"], screen="near mode", report="near mode"),
+    Column(lambda row: row["plain_sum_error"], report="missed by a plain modal sum", show=show_percent),
 )
 
 
