@@ -72,7 +72,7 @@ EQUAL, SINGLE = 1e-10, 1e-4  # of numbers, and of shapes in single precision
 Content = dict[str, Any]
 
 
-def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS) -> Outcome:
+def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS, scene: str = SCENE) -> Outcome:
     """Kill a sweep or a study with signal 9 and start it again, until it ends; then begin anew.
 
     Args:
@@ -80,12 +80,13 @@ def kill_and_resume(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = 
         seed: Of the random times.
         root: Empty folder to work in.
         kinds: Which of ``KINDS`` are killed in turn.
+        scene: With the sweep and the study.
 
     Raises:
         FaultError: Not even an undisturbed one works.
     """
     chance, outcome = random.Random(seed), Outcome()
-    (root / "scene.toml").write_text(SCENE)
+    (root / "scene.toml").write_text(scene)
     kinds = [kind for kind in kinds if shutil.which("mpirun") or "ranks" not in kind]
     expected = {kind: _leave_alone(root, kind) for kind in kinds}
     for trial in range(runs):

@@ -10,7 +10,7 @@ import pytest
 
 from faults import kill
 from faults.kill import check_remains, kill_runs
-from faults.resume import kill_and_resume
+from faults.resume import SCENE, kill_and_resume
 from faults.runs import FaultError, Numbers, Places, finish_run, make_places, read_numbers, wait_for_end
 from headstock.pipeline.storage.outputs import LIST_FILE
 
@@ -113,6 +113,8 @@ def test_torn_files_wrong_numbers_and_temporaries_of_killed_runs_are_reported(
 
 
 def test_sweeps_and_studies_killed_once_end_as_undisturbed_ones(tmp_path: Path) -> None:
-    outcome = kill_and_resume(2, seed=4, root=tmp_path, kinds=("sweep", "study"))
+    short = SCENE.replace('"200 mm", 500]', '"200 mm", 200]').replace("[6, 7, 8, 9, 10, 11, 12, 13]", "[6, 7, 8, 9]")
+    # the seed ends both in their last third
+    outcome = kill_and_resume(2, seed=105, root=tmp_path, kinds=("sweep", "study"), scene=short)
     assert outcome.faults == []
     assert outcome.trials == 2

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from headstock.app.command_line import main
+from headstock.app.pictures import numbered
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solid_skins import box_skin
@@ -22,6 +23,7 @@ SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    monkeypatch.setattr(numbered, "PIXELS", (450, 360))  # a quarter of the arithmetic
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

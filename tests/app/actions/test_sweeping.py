@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 from pathlib import Path
 
 import h5py
@@ -68,10 +69,13 @@ def test_the_page_is_whole_and_refers_to_nothing_outside(swept: Path) -> None:
     np.testing.assert_allclose(matrix, np.array(summary["static"]["tcp"]["compliance_um_per_kN"]), rtol=1e-5)
 
 
-def test_what_is_printed_says_where_each_quantity_is_lowest_and_highest(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sweep", str(SCENE), "line", "-o", str(swept)]) == 0
+def test_what_is_printed_says_where_each_quantity_is_lowest_and_highest(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    again = Path(shutil.copytree(swept, tmp_path / "again"))
+    assert main(["sweep", str(SCENE), "line", "-o", str(again)]) == 0
     said = capsys.readouterr().out
-    summary = json.loads((swept / "sweep.json").read_text())
+    summary = json.loads((again / "sweep.json").read_text())
     stiffest = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])[:, 2, 2].min()
     assert f"{stiffest:.4g}" in said
     assert "9 finished poses collected" in said
