@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -91,7 +91,14 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str])
     figure.legend(handles, shown, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
 
 
-def line_style(number: int, colors: Sequence[str]) -> dict[str, Any]:
+class LineStyle(TypedDict):
+    """What lines are told apart by."""
+
+    color: str
+    linestyle: str
+
+
+def line_style(number: int, colors: Sequence[str]) -> LineStyle:
     """Colour and dashes of the line of this number: dashes change where colours begin again."""
     return {"color": colors[number % len(colors)], "linestyle": DASHES[(number // len(colors)) % len(DASHES)]}
 

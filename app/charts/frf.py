@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +10,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import FAINT, INK, add_legend, new_figure, read_pixels
-from headstock.app.texts.tables import (
+from headstock.app.texts.curves import (
     MOST_FIELDS,
     broken_phase,
     magnitude_range,
@@ -20,9 +19,11 @@ from headstock.app.texts.tables import (
     response_unit,
     round_ticks,
 )
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.views import COLORS
+from headstock.solvers.second_order import ComplexArray
 
 CURVE, DIRECT = "#4f7cac", "#b5566e"
 
@@ -56,7 +57,7 @@ def _draw_grid(responses: Sequence[ResponseCurves]) -> NDArray[np.uint8]:
     return read_pixels(figure)
 
 
-def _draw_magnitude(axes: Axes, responses: Sequence[ResponseCurves], sizes: Sequence[Any], colors: Sequence[str]) -> None:
+def _draw_magnitude(axes: Axes, responses: Sequence[ResponseCurves], sizes: Sequence[FloatArray], colors: Sequence[str]) -> None:
     for curves, size, color in zip(responses, sizes, itertools.cycle(colors), strict=False):
         axes.semilogy(curves.frequencies_hz, np.where(size > 0.0, size, np.nan), color=color, linewidth=1.2)
     low, high = magnitude_range(np.concatenate(sizes))
@@ -66,7 +67,7 @@ def _draw_magnitude(axes: Axes, responses: Sequence[ResponseCurves], sizes: Sequ
     _frame(axes, responses)
 
 
-def _draw_phase(axes: Axes, responses: Sequence[ResponseCurves], values: Sequence[Any], colors: Sequence[str]) -> None:
+def _draw_phase(axes: Axes, responses: Sequence[ResponseCurves], values: Sequence[ComplexArray], colors: Sequence[str]) -> None:
     for curves, value, color in zip(responses, values, itertools.cycle(colors), strict=False):
         axes.plot(curves.frequencies_hz, broken_phase(value), color=color, linewidth=1.0)
     axes.set_ylim(-190.0, 190.0)

@@ -12,8 +12,7 @@ from markupsafe import Markup
 
 from headstock.app.report import svg
 from headstock.app.report.viewer_data import script_json
-from headstock.app.texts.error_texts import raise_digits
-from headstock.app.texts.tables import (
+from headstock.app.texts.curves import (
     MOST_FIELDS,
     broken_phase,
     even_ticks,
@@ -22,6 +21,7 @@ from headstock.app.texts.tables import (
     response_unit,
     round_ticks,
 )
+from headstock.app.texts.error_texts import raise_digits
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report import svg
-from headstock.app.texts.tables import even_ticks, thin_curve
+from headstock.app.texts.curves import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.contouring import ContourSummary
 from headstock.pipeline.results.path import PathCurves, deviation_unit

@@ -18,6 +18,7 @@ from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
+from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.error_texts import (
     error_words,
     largest_shares,
@@ -45,7 +46,6 @@ from headstock.app.texts.tables import (
     list_ports,
     list_tables,
     list_zones,
-    overlaid_responses,
     path_stem,
     shared_budget,
     static_by_pose,

@@ -8,7 +8,7 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift
 from headstock.pipeline.results.views import MachineView, PoseView, ShiftArray, component_colors, surface_energy_density
+from headstock.pipeline.storage.json_texts import JsonValue
 
 # triangles of all bodies together; what has more is drawn more coarsely
 MOST_TRIANGLES = 48_000
@@ -116,7 +117,7 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     low, high = np.vstack(places).min(axis=0), np.vstack(places).max(axis=0)
     blocks: list[bytes] = []
     colors = component_colors(view)
-    data = {
+    data: dict[str, JsonValue] = {
         "components": [_encode_skin(name, skin, colors[name], blocks) for name, skin in drawn.items()],
         "poses": [_encode_pose(name, drawn, pose, offered[name], width, blocks) for name, pose in view.poses.items()],
         "bytes": width,
@@ -129,7 +130,7 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     return EncodedMachine(script_json(data), count - sum(len(items) for items in offered.values()), thinned)
 
 
-def script_json(content: Any) -> str:
+def script_json(content: Mapping[str, object]) -> str:
     """JSON that no browser takes for the end of the script element it stands in, nor for a line break in a script."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
@@ -239,7 +240,7 @@ def _fit(shapes: Mapping[str, Sequence[_Shape]]) -> tuple[dict[str, list[_Shape]
     return offered, width
 
 
-def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict[str, Any]:
+def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict[str, JsonValue]:
     low = skin.points.min(axis=0)
     step = np.maximum(np.ptp(skin.points, axis=0), 1e-12) / 65535.0
     blocks.append(pack_columns(np.round((skin.points - low) / step).astype(np.uint16)))
@@ -257,7 +258,7 @@ def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict
     }
 
 
-def pack_columns(values: NDArray[Any]) -> bytes:
+def pack_columns(values: NDArray[np.integer]) -> bytes:
     """Columns of whole numbers one after the other, as differences from the number before, which wrap round.
 
     All lowest bytes come before all next ones: the differences of neighbours are small, so that most bytes are alike.
@@ -271,7 +272,7 @@ def pack_columns(values: NDArray[Any]) -> bytes:
 
 def _encode_pose(
     name: str, drawn: Mapping[str, Skin], pose: PoseView, offered: Sequence[_Shape], width: int, blocks: list[bytes]
-) -> dict[str, Any]:
+) -> dict[str, JsonValue]:
     kind, scale = (np.int16, 32767) if width == 2 else (np.int8, 127)
     for shape in offered:
         blocks += [pack_columns(np.round(part * scale).astype(kind)) for part in shape.parts if part.ndim == 2]
@@ -312,7 +313,7 @@ def _encode_pose(
     }
 
 
-def _encode_shape(shape: _Shape) -> dict[str, Any]:
+def _encode_shape(shape: _Shape) -> dict[str, JsonValue]:
     caption = shape.caption
     return {
         "id": caption.shape,

@@ -15,9 +15,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from headstock.geometry.frames import Frame
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
+from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.pipeline.storage.outputs import replace_outputs
 
 MODES_FOLDER = "modes"
@@ -191,8 +193,8 @@ def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: in
     weights = buffer.add(np.sin(np.linspace(0.0, 2.0 * np.pi, KEYFRAMES)).astype(np.float32))
     meshes, materials, nodes = [], [], []
     for number, ((name, skin), color) in enumerate(zip(view.skins.items(), component_colors(view).values(), strict=True)):
-        meshes.append(_glb_mesh(buffer, skin, pose, name, pose.shifts[name][index] * swing) | {"name": name})
-        meshes[-1]["primitives"][0]["material"] = number
+        mesh = _glb_mesh(buffer, skin, pose.placements[name], pose.shifts[name][index] * swing, material=number)
+        meshes.append(mesh | {"name": name})
         materials.append(_glb_material(name, color))
         nodes.append({"name": name, "mesh": number})
     channels = [{"sampler": 0, "target": {"node": number, "path": "weights"}} for number in range(len(nodes))]
@@ -219,7 +221,7 @@ class _Buffer:
     def __init__(self) -> None:
         self.content = bytearray()
         self.views: list[dict[str, int]] = []
-        self.accessors: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, JsonValue]] = []
 
     def add(self, array: AnyArray, *, target: int | None = None, bounds: bool = False) -> int:
         """Append an array and return the number of its accessor.
@@ -233,7 +235,7 @@ class _Buffer:
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": len(data)}
         self.views.append(view if target is None else view | {"target": target})
         self.content += data + b"\0" * (-len(data) % 4)
-        accessor: dict[str, Any] = {
+        accessor: dict[str, JsonValue] = {
             "bufferView": len(self.views) - 1,
             "componentType": GLTF_UINT if array.dtype.kind == "u" else GLTF_FLOAT,
             "count": len(array),
@@ -246,20 +248,24 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _glb_mesh(buffer: _Buffer, skin: Skin, pose: PoseView, name: str, shift: AnyArray) -> dict[str, Any]:
-    frame = pose.placements[name]
+def _glb_mesh(buffer: _Buffer, skin: Skin, frame: Frame, shift: AnyArray, *, material: int) -> dict[str, JsonValue]:
     points = (skin.points @ frame.rotation.T + frame.origin).astype(np.float32)
     place = buffer.add(points, target=GLTF_VERTICES, bounds=True)
     move = buffer.add(shift.astype(np.float32), target=GLTF_VERTICES, bounds=True)
     faces = buffer.add(skin.triangles.astype(np.uint32).ravel(), target=GLTF_INDICES)
-    primitive = {"attributes": {"POSITION": place}, "indices": faces, "targets": [{"POSITION": move}]}
+    primitive: JsonValue = {
+        "attributes": {"POSITION": place},
+        "indices": faces,
+        "targets": [{"POSITION": move}],
+        "material": material,
+    }
     return {"primitives": [primitive], "weights": [0.0]}
 
 
-def _glb_material(name: str, color: str) -> dict[str, Any]:
+def _glb_material(name: str, color: str) -> dict[str, JsonValue]:
     # glTF colours are linear, ours are sRGB
     linear = [(int(color[i : i + 2], 16) / 255.0) ** 2.2 for i in (1, 3, 5)]
-    surface = {"baseColorFactor": [*linear, 1.0], "metallicFactor": 0.1, "roughnessFactor": 0.6}
+    surface: JsonValue = {"baseColorFactor": [*linear, 1.0], "metallicFactor": 0.1, "roughnessFactor": 0.6}
     return {"name": name, "doubleSided": True, "pbrMetallicRoughness": surface}
 
 

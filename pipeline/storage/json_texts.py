@@ -10,6 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 
 Json = dict[str, Any]
+type JsonValue = str | float | bool | None | Sequence[JsonValue] | Mapping[str, JsonValue]
 
 
 def dump_json(content: Mapping[str, object]) -> str:

@@ -14,7 +14,7 @@ from headstock.app.charts.study import describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
-from headstock.app.texts.tables import response_unit, round_ticks
+from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.scene.studies import Study, StudyFamily
