@@ -15,7 +15,10 @@ from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
+from headstock.pipeline.results.frf import PoseResponse
+from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -76,8 +79,8 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
         results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
-            curves = [response.curves for response in results.responses]
-            paths = [run.curves for run in results.path.runs] if results.path is not None else []
+            curves = [response.curves for response in find_answers(results.answers, PoseResponse)]
+            paths = [run.curves for path in find_answers(results.answers, PathResult) for run in path.runs]
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
                 remarks = publish_run(output, summary, results.view, curves, paths, figures=request.figures)

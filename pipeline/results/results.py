@@ -5,11 +5,8 @@ from dataclasses import dataclass, field
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.accuracy import AccuracyAnswer
 from headstock.pipeline.results.answers import Answer, find_answers
-from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.results.modal import PoseModes
-from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.provenance import Provenance
@@ -79,18 +76,3 @@ class Results:
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes, one per pose."""
         return find_answers(self.answers, PoseModes)
-
-    @property
-    def responses(self) -> tuple[PoseResponse, ...]:
-        """Frequency responses, one per pose."""
-        return find_answers(self.answers, PoseResponse)
-
-    @property
-    def path(self) -> PathResult | None:
-        """Deviation from a path while axes accelerate."""
-        return next(iter(find_answers(self.answers, PathResult)), None)
-
-    @property
-    def accuracy(self) -> AccuracyAnswer | None:
-        """How settings were chosen for an accuracy; None where the scene asks for none."""
-        return next(iter(find_answers(self.answers, AccuracyAnswer)), None)

@@ -66,6 +66,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from mpi4py import MPI
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.frf import PoseResponse
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.results import collect_results
@@ -77,7 +79,7 @@ job = SweepJob(select_analyses(scene), scene.sweeps["line"], out)
 outcome = run_sweep(job, comm=comm)
 if comm.rank == 0:
     swept = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
-    curves = results.responses[0].curves
+    curves = find_answers(results.answers, PoseResponse)[0].curves
     np.savez(
         out / "found.npz",
         labels=np.array(results.labels),

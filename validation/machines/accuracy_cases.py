@@ -12,6 +12,8 @@ from mpi4py import MPI
 from scipy.stats import spearmanr
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.accuracy import AccuracyAnswer
+from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -158,8 +160,6 @@ def _estimates(results: Results) -> FloatArray:
 
 
 def _chosen(results: Results) -> str:
-    accuracy = results.accuracy
-    if accuracy is None:
-        return "nothing chosen"
+    (accuracy,) = find_answers(results.answers, AccuracyAnswer)
     chosen = "; ".join(f"{name}: {words}" for name, words in accuracy.settings.items())
     return f"{chosen} in {len(accuracy.rounds)} round(s)"

@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, MachinePath, place_components, travel_directions
 from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
@@ -196,9 +197,8 @@ def run_path(variant: str) -> PathResult:
     """The path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
     with tempfile.TemporaryDirectory() as folder:
-        found = run_scene(scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store")).path
-    if found is None:
-        raise ValueError("the scene has no path analysis")
+        results = run_scene(scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store"))
+    (found,) = find_answers(results.answers, PathResult)
     return found
 
 

@@ -15,6 +15,8 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
+from headstock.pipeline.results.accuracy import AccuracyAnswer
+from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -72,7 +74,7 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     tmp_path: Path, converged: FloatArray
 ) -> None:
     results = run(make_scene(AccuracyGoal(0.006)), tmp_path)
-    assert results.accuracy is not None and results.accuracy.met
+    assert find_answers(results.answers, AccuracyAnswer)[0].met
     assert np.abs(numbers(results) / converged - 1.0).max() < 0.006
     refined = [record.stage.component for record in results.stages if record.stage.kind == "refine"]
     assert "column" in refined
@@ -93,8 +95,8 @@ def test_a_body_that_hardly_deforms_may_become_rigid(tmp_path: Path, converged: 
 
 def test_what_does_not_fit_the_memory_is_said_with_the_best_that_was_reached(tmp_path: Path) -> None:
     results = run(make_scene(AccuracyGoal(2e-4), memory=3e8), tmp_path)
-    assert results.accuracy is not None and not results.accuracy.met
-    assert results.accuracy.estimated > 2e-4
+    (accuracy,) = find_answers(results.answers, AccuracyAnswer)
+    assert not accuracy.met and accuracy.estimated > 2e-4
     assert "not reached; best:" in results.failures[0] and "limits.memory allows" in results.failures[0]
     assert len(results.modal[0].frequencies_hz) == 4
 
@@ -128,9 +130,9 @@ def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -
     }
     machine = dataclasses.replace(scene.machine, components=scene.machine.components | {"tower": tower}, joints=joints)
     results = run(dataclasses.replace(scene, machine=machine), tmp_path)
-    assert results.accuracy is not None and results.accuracy.met
-    settings = results.accuracy.settings
-    assert settings["tower"] == settings["column"]
+    (accuracy,) = find_answers(results.answers, AccuracyAnswer)
+    settings = accuracy.settings
+    assert accuracy.met and settings["tower"] == settings["column"]
     reductions = [record for record in results.stages if record.stage.kind == "reduce" and record.stage.component == "tower"]
     assert reductions and all(record.cached for record in reductions)
 

@@ -12,6 +12,8 @@ from common import present
 from headstock.app.report.report import render_report
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.answers import find_answers
+from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
@@ -229,10 +231,10 @@ ring_down = "100 ms"
 
 def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
     path = write_scene(tmp_path, ("[analyses.control]", PATH))
-    found = run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
-    assert found.path is not None
-    assert found.path.drives == ("X",)
-    curves = [run.curves for run in found.path.runs]
+    results = run_scene(load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    (found,) = find_answers(results.answers, PathResult)
+    assert found.drives == ("X",)
+    curves = [run.curves for run in found.runs]
     along = [port for port in curves[0].outputs if port[1] == "x"]
     column = curves[0].outputs.index(along[0])
     slow, fast = (float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves)
@@ -273,7 +275,7 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     path = write_scene(tmp_path, ("[analyses.control]", text), on)
     scene = load_scene(path)
     found = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
-    curves = present(found.path).runs[0].curves
+    curves = find_answers(found.answers, PathResult)[0].runs[0].curves
     # whole turns of the spindle at constant feed: 10 ms each
     times = curves.deviation.times
     steady = (times >= 0.25) & (times < 0.35)

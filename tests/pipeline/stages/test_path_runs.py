@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.answers import find_answers
 from headstock.pipeline.results.files import read_paths
 from headstock.pipeline.results.path import PathResult
 from headstock.pipeline.results.results import Results
@@ -81,8 +82,7 @@ def run(folder: Path, scene: Scene) -> Results:
 
 
 def run_path(folder: Path, text: str = SCENE) -> PathResult:
-    found = run(folder, keep_analyses(load(folder, text), ["path"])).path
-    assert found is not None
+    (found,) = find_answers(run(folder, keep_analyses(load(folder, text), ["path"])).answers, PathResult)
     return found
 
 
@@ -131,9 +131,8 @@ def test_an_undamped_path_is_warned_of(tmp_path: Path) -> None:
     text = SCENE.replace('[effects]\ndamping = { modal = "2 %" }\n', "")
     results = run(tmp_path, keep_analyses(load(tmp_path, text), ["path"]))
     assert any("nothing is damped" in warning for warning in results.warnings)
-    assert results.path is not None
-    assert not results.path.damped
-    assert results.path.runs[0].figures[0][0].settling is None
+    (found,) = find_answers(results.answers, PathResult)
+    assert not found.damped and found.runs[0].figures[0][0].settling is None
 
 
 def test_a_path_that_leaves_the_rail_is_named(tmp_path: Path) -> None:
