@@ -26,11 +26,6 @@ class Truncation:
     limit: float
 
 
-def least_participation(truncation: Truncation, square: float) -> FloatArray:
-    """What the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at least ``(n_b, n_b)``: two terms of its geometric series."""
-    return truncation.first + square * truncation.second
-
-
 def most_participation(truncation: Truncation, square: float) -> FloatArray:
     """What the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at most ``(n_b, n_b)``: all of the series' rest at the lowest mode.
 

@@ -85,14 +85,6 @@ class StudyPoint:
     analyses: tuple[str, ...] = ()
 
 
-def count_points(study: Study) -> int:
-    """How many points a study has, without making them."""
-    return sum(
-        min(map(len, family.vary.values())) if family.pairwise else math.prod(map(len, family.vary.values()))
-        for family in study.families
-    )
-
-
 def expand_study(study: Study) -> tuple[StudyPoint, ...]:
     """The points of a study, family by family; of a grid the last key changes fastest."""
     return tuple(

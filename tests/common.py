@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import cast
 
 import numpy as np
 import scipy.linalg
@@ -22,6 +23,11 @@ def present[T](value: T | None) -> T:
     """What a test relies on to be there."""
     assert value is not None
     return value
+
+
+def sketch[T](kind: type[T], content: Mapping[str, object]) -> T:
+    """A typed dictionary that holds what a test needs and not all that it has to."""
+    return cast(T, content)
 
 
 def tag_patches(mesh: ComponentMesh, groups: Mapping[str, Choice]) -> ComponentMesh:
@@ -87,7 +93,8 @@ class Dense:
         operators = assemble_elasticity(mesh, material, comm=MPI.COMM_SELF, with_mass=True)
         order = np.argsort(operators.nodes)
         dofs = (3 * order[:, None] + np.arange(3)).ravel()
-        mass = np.kron(present(operators.scalar_mass).toarray(), np.eye(3))
+        assert operators.scalar_mass is not None
+        mass = np.kron(operators.scalar_mass.toarray(), np.eye(3))
         return operators.stiffness.toarray()[np.ix_(dofs, dofs)], mass[np.ix_(dofs, dofs)]
 
     def rigid_map(self, mesh: ComponentMesh, groups: Iterable[str]) -> tuple[FloatArray, FloatArray]:

@@ -22,7 +22,7 @@ def rigid_body(
     interfaces: Mapping[str, Sequence[float]],
     *,
     inertia: Sequence[float] = (1.0, 1.0, 1.0),
-    center: Sequence[float] = (0.0, 0.0, 0.0),
+    center: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
     placement: Frame | None = None,
 ) -> Body:
     """A rigid body with principal moments of inertia [kg m^2] and interfaces at given places [m]."""
@@ -33,7 +33,9 @@ def rigid_body(
     return component, reduce_rigid(component, properties)
 
 
-def two_node_body(name: str, mass: float, length: float, stiffness: Sequence[float], *, placement: Frame | None = None) -> Body:
+def two_node_body(
+    name: str, mass: float, length: float, stiffness: Sequence[float] | FloatArray, *, placement: Frame | None = None
+) -> Body:
     """Two equal rigid halves at ``z = 0`` and ``z = length`` (interfaces ``foot`` and ``head``), sprung at half length.
 
     Args:

@@ -111,7 +111,7 @@ def main(path: Path) -> None:
     loads[-1] = [1.0, 2.0, 3.0]
     found["held.displacement"] = full_displacement(full_model(square, STEEL, comm=COMM, held=held), loads)
     if COMM.rank == 0:
-        np.savez(path, **found)
+        np.savez(path, allow_pickle=False, **found)
 
 
 if __name__ == "__main__":

@@ -9,13 +9,9 @@ ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("geometry", "meshing", "solvers", "reduction", "pipeline", "validation", "app", "benchmarks", "tests")
 
 
-def compares_unawares(node: ast.AST) -> bool:
-    """Whether it is a call of numpy's ``allclose`` or ``isclose`` with their own absolute tolerance of 1e-8."""
-    return (
-        isinstance(node, ast.Call)
-        and ast.unparse(node.func) in ("np.allclose", "np.isclose")
-        and "atol" not in {word.arg for word in node.keywords}
-    )
+def compares_unawares(node: ast.Call) -> bool:
+    """Whether a call is one of numpy's ``allclose`` or ``isclose`` with their own absolute tolerance of 1e-8."""
+    return ast.unparse(node.func) in ("np.allclose", "np.isclose") and "atol" not in {word.arg for word in node.keywords}
 
 
 def test_numbers_below_pytest_s_own_absolute_tolerance_are_told_apart() -> None:
@@ -30,6 +26,6 @@ def test_every_numpy_comparison_states_its_absolute_tolerance() -> None:
         f"{path.relative_to(ROOT)}:{node.lineno}"
         for path in files
         for node in ast.walk(ast.parse(path.read_text()))
-        if compares_unawares(node)
+        if isinstance(node, ast.Call) and compares_unawares(node)
     }
     assert len(files) > 400 and calls == set()

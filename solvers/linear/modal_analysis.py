@@ -186,17 +186,6 @@ def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ij,ij->j", shapes, forces))
 
 
-def slope_compliance(motion: FloatArray, force: FloatArray, stiffness_slope: FloatArray) -> float:
-    """Derivative by one parameter of the compliance ``a^T K^-1 b`` with fixed a and b: ``-v^T dK u``.
-
-    Args:
-        motion: ``v = K^-1 a``, ``(n,)``: answer to a unit load on the observed coordinate.
-        force: ``u = K^-1 b``, ``(n,)``: answer to the load.
-        stiffness_slope: ``dK``, ``(n, n)``: change of the stiffness per unit of the parameter.
-    """
-    return -float(motion @ stiffness_slope @ force)
-
-
 def slope_shape(
     stiffness: FloatArray,
     mass: FloatArray,

@@ -458,8 +458,8 @@ def entered(host: Host, tmp_path: Path) -> Host:
             target = root / "usr" / ("bin" if file == path else "lib")
             target.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, target)
-    for name, target in (("bin", "usr/bin"), ("lib", "usr/lib"), ("lib64", "usr/lib")):
-        (root / name).symlink_to(target)
+    for name, place in (("bin", "usr/bin"), ("lib", "usr/lib"), ("lib64", "usr/lib")):
+        (root / name).symlink_to(place)
     for stamp in (host.cache / "headstock").glob("stamp-*"):
         stamp.unlink()
     return host

@@ -22,7 +22,7 @@ COLUMN = (1e8, 2e8, 5e8, 2e6, 3e6, 1e6)
 ODD = Frame(np.array([3.0, -1.0, 2.0]), rotation_about(np.array([1.0, 2.0, 3.0]), 0.9))
 
 
-def machine_with_free(dofs: tuple[int, ...], held: tuple[()] = ()) -> tuple[dict[str, Superelement], Machine]:
+def machine_with_free(dofs: tuple[int, ...], held: tuple[int, ...] = ()) -> tuple[dict[str, Superelement], Machine]:
     """A bed on springs, a slider with a column on it; some dofs of the slider's guide are free."""
     bed = rigid_body("bed", 300.0, {"foot": (0, 0, -0.4), "rail": (0, 0, 0)}, center=(0, 0, -0.2), inertia=(9, 10, 11))
     slider = rigid_body("slider", 40.0, {"guide": (0, 0, 0), "top": (0, 0, 0.1)}, center=(0, 0, 0.05), inertia=(0.4, 0.5, 0.6))

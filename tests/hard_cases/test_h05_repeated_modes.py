@@ -65,7 +65,7 @@ def test_twins_span_the_same_plane_in_another_solver(column: tuple[FullModel, Fu
     mass = scipy.sparse.csc_matrix(scipy.sparse.kron(model.operators.scalar_mass, np.eye(3)))[free][:, free]
     start = np.random.default_rng(5).standard_normal(len(free))
     _, vectors = scipy.sparse.linalg.eigsh(stiffness, 12, mass, sigma=0.0, v0=start)
-    other = np.zeros((model.operators.owned_dofs, 12))
+    other: FloatArray = np.zeros((model.operators.owned_dofs, 12))
     other[free] = vectors
     order = np.argsort(np.einsum("ij,ij->j", other, model.operators.apply_stiffness(other)))
     other = other[:, order]

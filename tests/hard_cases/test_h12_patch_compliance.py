@@ -8,7 +8,16 @@ from mpi4py import MPI
 
 from common import make_box
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.geometry.parts.components import Component, CouplingKind, Interface, Material, MeshSettings, Patch, Support
+from headstock.geometry.parts.components import (
+    CellShape,
+    Component,
+    CouplingKind,
+    Interface,
+    Material,
+    MeshSettings,
+    Patch,
+    Support,
+)
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
@@ -23,18 +32,18 @@ PAD = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.04, 0.04))
 CLAMP = (Support("clamp", "block", (Patch("z-"),), ("x", "y", "z")),)
 
 
-def pad_compliance(coupling: CouplingKind, cells: str, size: float) -> FloatArray:
+def pad_compliance(coupling: CouplingKind, cells: CellShape, size: float) -> FloatArray:
     component = Component(
         "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)}, mesh=MeshSettings(size, 2, cells)
     )
     mesh = mesh_component(component, CLAMP)
     element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest(recovery=False))
-    return np.linalg.inv(element.stiffness)
+    return np.asarray(np.linalg.inv(element.stiffness), dtype=np.float64)
 
 
 @pytest.mark.parametrize(("coupling", "cells"), [("average", "hex"), ("average", "tet"), ("rigid", "hex"), ("rigid", "tet")])
 def test_halving_the_element_size_changes_how_far_a_force_moves_a_patch_by_less_than_three_percent(
-    coupling: CouplingKind, cells: str
+    coupling: CouplingKind, cells: CellShape
 ) -> None:
     coarse, fine = (np.diag(pad_compliance(coupling, cells, PAD.size[0] / count)) for count in (4, 8))
     assert np.abs(coarse / fine - 1.0)[:3].max() < 0.03

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import Dense, make_box, make_component, present
+from common import Choice, Dense, make_box, make_component, present
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_transfer
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
@@ -28,7 +28,7 @@ def top(low: float, high: float) -> Callable[[FloatArray], BoolArray]:
 @pytest.fixture(scope="module")
 def block() -> ComponentMesh:
     whole = top(0.0, 1.0)
-    groups = {
+    groups: dict[str, Choice] = {
         "foot": "z-", "left": top(0.0, 0.7), "right": top(0.3, 1.0), "all": whole, "again": whole,
         "low_half": top(0.0, 0.5), "high_half": top(0.5, 1.0), "side": "x+", "skew": lambda c: whole(c) | (c[:, 0] > SIZE[0] - 1e-9),
     }  # fmt: skip

@@ -1,13 +1,14 @@
 """H15: a patch on a line has no rotation about it: that rotation is held and named, everything else is right."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from common import Dense, make_box, make_component
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import CouplingKind
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.elastic import reduce_elastic
@@ -18,7 +19,7 @@ from headstock.solvers.errors import ModelError
 COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.2, 0.4)
 MODES = ReductionRequest(ModeTarget(count=4))
-LINES = {
+LINES: dict[str, tuple[Callable[[FloatArray], BoolArray], tuple[float, float, float]]] = {
     "along an edge": (lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (p[:, 0] < 1e-9), (0.0, 1.0, 0.0)),
     "across a face": (lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (np.abs(p[:, 0] - p[:, 1]) < 1e-9), (1.0, 1.0, 0.0)),
 }

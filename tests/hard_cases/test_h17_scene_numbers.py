@@ -58,7 +58,7 @@ def test_every_number_of_an_accepted_machine_is_finite(tmp_path: Path) -> None:
             for item in value:
                 collect(item)
         elif isinstance(value, np.ndarray):
-            numbers.extend(value.ravel().tolist())
+            numbers.extend(float(number) for number in value.ravel())
         elif isinstance(value, float):
             numbers.append(value)
 

@@ -32,7 +32,9 @@ def both(request: pytest.FixtureRequest) -> Both:
         volume = mesh.quality.volume * scale**3
         mesh = dataclasses.replace(mesh, points=mesh.points * scale, quality=dataclasses.replace(mesh.quality, volume=volume))
         component = make_component(
-            {"foot": request.param, "tip": request.param}, material=material, size=tuple(scale * s for s in SIZE)
+            {"foot": request.param, "tip": request.param},
+            material=material,
+            size=(scale * SIZE[0], scale * SIZE[1], scale * SIZE[2]),
         )
         oil = Load("oil", "body", "pressure", (Patch("x+"),), magnitude=pressure)
         wanted = ReductionRequest(ModeTarget(count=12))

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import Dense, make_box, make_component
-from headstock.geometry.parts.components import Component, CouplingKind, Interface, Material, MeshSettings, Patch
+from headstock.geometry.parts.components import CellShape, Component, CouplingKind, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
@@ -27,11 +27,11 @@ WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
 ReduceAt = tuple[Callable[[float], Superelement], Superelement]  # a body of any length, and that of 1 m
 
 
-def meshed(length: float, coupling: CouplingKind, cells: str) -> Component:
-    size = tuple(float(f"{side * length:.12g}") for side in SIZE)
+def meshed(length: float, coupling: CouplingKind, cells: CellShape) -> Component:
+    width, depth, height = (float(f"{side * length:.12g}") for side in SIZE)
     pad = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.2 * length, 0.2 * length))
     interfaces = {"foot": Interface("foot", (Patch("z-"),), coupling), "pad": Interface("pad", (pad,), coupling)}
-    return Component("body", Box(size), STEEL, interfaces=interfaces, mesh=MeshSettings(0.25 * length, 2, cells))
+    return Component("body", Box((width, depth, height)), STEEL, interfaces=interfaces, mesh=MeshSettings(0.25 * length, 2, cells))
 
 
 @pytest.fixture(scope="module", params=[("rigid", "tet"), ("average", "hex")], ids=["rigid tet", "average hex"])

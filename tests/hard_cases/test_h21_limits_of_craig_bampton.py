@@ -29,12 +29,12 @@ def block(dense: Dense) -> tuple[ComponentMesh, FloatArray, FloatArray]:
     return mesh, *dense.pencil(mesh, make_component().material)
 
 
-def reduced(mesh: ComponentMesh, couplings: tuple[str, str], count: int, **wanted: bool | tuple[Load, Load]) -> Superelement:
+def reduced(
+    mesh: ComponentMesh, couplings: tuple[str, str], count: int, loads: tuple[Load, ...] = (), *, gravity: bool = False
+) -> Superelement:
     foot, tip = couplings
     component = make_component({"foot": foot, "tip": tip}, size=SIZE)
-    return reduce_elastic(
-        component, mesh, (), wanted.pop("loads", ()), comm=COMM, request=ReductionRequest(ModeTarget(count=count), **wanted)
-    )
+    return reduce_elastic(component, mesh, (), loads, comm=COMM, request=ReductionRequest(ModeTarget(count=count), gravity=gravity))
 
 
 def assert_spectrum(found: FloatArray, exact: FloatArray, tolerance: float) -> None:
@@ -111,7 +111,7 @@ def tip_compliance(mesh: ComponentMesh, stiffness: FloatArray, coupling: Couplin
         basis[dofs, :6] = rigid
         rest = np.setdiff1d(np.flatnonzero(free), dofs)
         basis[rest, 6 + np.arange(len(rest))] = 1.0
-        return np.linalg.inv(basis.T @ stiffness @ basis)[:6, :6]
+        return np.asarray(np.linalg.inv(basis.T @ stiffness @ basis)[:6, :6], dtype=np.float64)
     weights = consistent_weights(mesh.points[tip])
     weighted = np.zeros_like(rigid)
     for axis in range(3):

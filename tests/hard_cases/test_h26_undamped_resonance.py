@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf, refine_grid, solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem
@@ -11,7 +12,7 @@ PORT = ("mass", "x")
 
 
 def oscillator(hz: float, mass: float = 3.0) -> SecondOrderSystem:
-    row = {PORT: np.ones(1)}
+    row: dict[tuple[str, str], FloatArray] = {PORT: np.ones(1)}
     return SecondOrderSystem(np.eye(1) * mass, None, np.eye(1) * mass * (2.0 * np.pi * hz) ** 2, row, row, ("q",))
 
 

@@ -25,7 +25,7 @@ SPEED = np.sqrt(210e9 / 7850.0)
 IMPEDANCE = ROD.area * np.sqrt(210e9 * 7850.0)
 
 
-def plain_system(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> SecondOrderSystem:
+def plain_system(mass: FloatArray, damping: FloatArray | None, stiffness: FloatArray) -> SecondOrderSystem:
     return SecondOrderSystem(mass, damping, stiffness, {}, {}, ("q",) * len(mass))
 
 
@@ -37,7 +37,7 @@ def test_only_the_diagonal_of_the_damping_would_give_other_poles() -> None:
     expected = sorted((root for root in characteristic.roots if root.imag > 0.0), key=abs)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     diagonal = [complex(-50.0, np.sqrt(square - 2500.0)) for square in (1e4, 3e4)]
-    assert min(abs(pole - other) for pole, other in itertools.product(found, diagonal)) > 5.0
+    assert min(float(abs(pole - other)) for pole, other in itertools.product(found, diagonal)) > 5.0
 
 
 @settings(max_examples=40, deadline=None)

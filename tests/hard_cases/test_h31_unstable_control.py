@@ -2,13 +2,14 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 
+from common import present
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import (
     find_largest_gain,
     find_loop_poles,
@@ -17,31 +18,27 @@ from headstock.solvers.control.stability import (
     scale_velocity_gain,
 )
 from headstock.solvers.errors import UnstableControlError
-from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.machines.drive_cases import TwoMasses, make_drive
 
 MASSES = TwoMasses(damping=50.0)
 SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
-
-
-def drive_with(**changes: float | str) -> tuple[SecondOrderSystem, DriveTrain]:
-    return make_drive(MASSES, dataclasses.replace(SOFT, **changes))
+soft_with = partial(dataclasses.replace, SOFT)
 
 
 def test_a_stable_loop_is_not_refused() -> None:
-    system, train = drive_with()
+    system, train = make_drive(MASSES, soft_with())
     assert not len(require_stable(system, [train]).growing())
 
 
 def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stable() -> None:
-    system, train = drive_with(position_gain=500.0, velocity_gain=1e5, encoder="scale")
+    system, train = make_drive(MASSES, soft_with(position_gain=500.0, velocity_gain=1e5, encoder="scale"))
     with pytest.raises(
         UnstableControlError, match=r"control of axis X is unstable: a motion at .* Hz grows .* largest stable kv"
     ) as caught:
         require_stable(system, [train])
     growing = find_loop_poles(close_loops(system, [train]))
     assert caught.value.frequency_hz == pytest.approx(growing.frequencies_hz[growing.growing()[0]])
-    largest = find_largest_gain(system, [train], "X", scale_position_gain)
+    largest = present(find_largest_gain(system, [train], "X", scale_position_gain))
     for factor, stable in ((0.999, True), (1.001, False)):
         changed = dataclasses.replace(train, control=scale_position_gain(train.control, factor * largest))
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
@@ -54,22 +51,22 @@ def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> 
     system, train = make_drive(rigid, control)
     mass, kp, rate = rigid.motor + rigid.load, control.velocity_gain, 1.0 / control.integral_time
     expected = kp * rate / (mass * rate - kp)
-    found = find_largest_gain(system, [train], "X", scale_position_gain)
+    found = present(find_largest_gain(system, [train], "X", scale_position_gain))
     assert found * control.position_gain == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
-    system, train = drive_with(velocity_gain=2e6, dead_time=1e-3)
+    system, train = make_drive(MASSES, soft_with(velocity_gain=2e6, dead_time=1e-3))
     with pytest.raises(UnstableControlError, match="velocity loop is so by itself: the largest stable velocity_gain"):
         require_stable(system, [train])
-    largest = find_largest_gain(system, [train], "X", scale_velocity_gain)
+    largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))
     for factor, stable in ((0.999, True), (1.001, False)):
         changed = dataclasses.replace(train, control=scale_velocity_gain(train.control, factor * largest))
         assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
 
 
 def test_what_grows_without_oscillation_is_told_so() -> None:
-    system, train = drive_with(position_gain=-5.0)
+    system, train = make_drive(MASSES, soft_with(position_gain=-5.0))
     with pytest.raises(UnstableControlError, match="without oscillation"):
         require_stable(system, [train])
 

@@ -27,7 +27,7 @@ def clean(machine: Tripteor) -> PathDrive:
 
 
 def gaps(machine: Tripteor, drive: PathDrive, step: float) -> tuple[FloatArray, FloatArray]:
-    times = np.arange(0.0, SPAN, step)
+    times = np.arange(0.0, SPAN, step, dtype=np.float64)
     motion = linear_motion(machine.model, drive, times, np.array([0.02]))
     return times, motion.tool_motion(march_linear(motion, motion.load).give)
 
@@ -42,7 +42,7 @@ def share_above(values: FloatArray, step: float, hz: float) -> float:
 
 
 def test_smoothed_measurements_give_a_motion_without_noise(machine: Tripteor, clean: PathDrive) -> None:
-    times = np.arange(0.0, SPAN + 0.5 * RATE, RATE)
+    times = np.arange(0.0, SPAN + 0.5 * RATE, RATE, dtype=np.float64)
     measured = clean.at(times).position
     measured[:, :3] += NOISE * np.random.default_rng(34).normal(size=(len(times), 3))
     law = smooth_samples(times, measured, 0.02)
@@ -58,7 +58,7 @@ def test_a_finer_step_changes_less_than_a_hundredth(machine: Tripteor, clean: Pa
 
 
 def test_twice_differenced_measurements_would_be_noise(clean: PathDrive) -> None:
-    times = np.arange(0.0, SPAN + 0.5 * RATE, RATE)
+    times = np.arange(0.0, SPAN + 0.5 * RATE, RATE, dtype=np.float64)
     exact = clean.at(times)
     noisy = exact.position[:, :3] + NOISE * np.random.default_rng(34).normal(size=(len(times), 3))
     differenced = np.diff(noisy, 2, axis=0) / RATE**2

@@ -64,7 +64,7 @@ def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(ma
     path, _ = square_path(SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01))
     nodes = np.linspace(0.0, 0.1, 26, dtype=np.float64)
     drive = follow_path(machine.scene.mounted, nodes, path.at(nodes), machine.scene.tool)
-    times = np.arange(0.0, 0.1, 5e-5)
+    times = np.arange(0.0, 0.1, 5e-5, dtype=np.float64)
     motion = linear_motion(machine.model, drive, times, np.array([0.02]))
     force = np.zeros((len(times), 3))
     force[times >= 0.03] = 500.0, 0.0, 0.0

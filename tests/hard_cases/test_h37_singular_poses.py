@@ -16,7 +16,7 @@ from headstock.geometry.mechanisms.closures import find_mobility
 from headstock.geometry.mechanisms.platforms import planar_3rpr_state
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState, integrate_motion
+from headstock.solvers.mechanisms.generalized_alpha import LOCAL_ERROR, Linearisation, MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
 from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
@@ -138,15 +138,16 @@ class FourBars:
 STEPS = (0.005, 0.01, 0.0125, 0.015, 0.0175, 0.02, 0.0225, 0.025, 0.0275, 0.03, 0.0325, 0.035, 0.04)
 
 
-def swing(step: float, span: float, **options: float) -> tuple[FourBars, list[MotionState]]:
-    problem, states = FourBars(), []
-    integrate_motion(problem, problem.start(), step, round(span / step), observe=states.append, tolerance=1e-12, **options)
+def swing(step: float, span: float, accuracy: float = LOCAL_ERROR) -> tuple[FourBars, list[MotionState]]:
+    problem = FourBars()
+    states: list[MotionState] = []
+    integrate_motion(problem, problem.start(), step, round(span / step), observe=states.append, tolerance=1e-12, accuracy=accuracy)
     return problem, states
 
 
 def bar_angles(states: list[MotionState]) -> FloatArray:
     """Of the first bar from upright [rad]."""
-    return np.unwrap([float(np.arctan2(state.position[0], state.position[1])) for state in states])
+    return np.asarray(np.unwrap([np.arctan2(state.position[0], state.position[1]) for state in states]), dtype=np.float64)
 
 
 @pytest.mark.parametrize("step", STEPS)

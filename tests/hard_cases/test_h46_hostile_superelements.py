@@ -12,7 +12,8 @@ import pytest
 from common import present
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import Frame
-from headstock.pipeline.results.files import OutputError, read_view
+from headstock.pipeline.results.files import read_view
+from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.records import RecordError, require_plain
 from headstock.pipeline.storage.superelements import parse_superelement, read_superelement, write_superelement
 from headstock.reduction.superelement import Attachment, ErrorEstimates, Recovery, StaticLoad, Superelement, Truncation

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from faults.runs import SCENE
+from headstock.geometry.parts.solids import MeshFile
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading import files as scene_files
 from headstock.scene.reading.findings import SceneError
@@ -95,10 +96,10 @@ def test_every_kind_of_file_is_guarded_also_when_it_is_set_on_the_command_line(f
 
 
 def test_the_same_file_under_its_own_name_is_found(folder: Path) -> None:
-    machine = load(folder, "own.msh").machine
-    assert machine.components["column"].solid.path == (folder / "own.msh").resolve()
+    found = MeshFile((folder / "own.msh").resolve())
+    assert load(folder, "own.msh").machine.components["column"].solid == found
     (folder / "inside.msh").symlink_to("own.msh")
-    assert load(folder, "inside.msh").machine.components["column"].solid.path == (folder / "own.msh").resolve()
+    assert load(folder, "inside.msh").machine.components["column"].solid == found
 
 
 def test_a_file_beyond_the_size_cap_is_refused_with_its_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

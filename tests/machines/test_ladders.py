@@ -1,6 +1,7 @@
 """Short ladders of the two beams that ship: the rungs that decide what the fidelity ladder must show."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +27,9 @@ from headstock.validation.ladder.references import LadderBeam, ladder_beam
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
-CANTILEVER = {
+Rungs = Mapping[str, Sequence[int | str]]
+Ladder = tuple[LadderBeam, list[LadderPoint]]
+CANTILEVER: Rungs = {
     "static_segmented": [2, 5, 15, 70],
     "static_hex8": ["100 mm", "50 mm"],
     "static_tet4": ["30 mm"],
@@ -35,7 +38,7 @@ CANTILEVER = {
     "modal_hex8": ["50 mm"],
     "modal_hex27": ["25 mm", "19 mm"],
 }
-FIXED = {
+FIXED: Rungs = {
     "static_segmented": [3, 15, 51],
     "static_tet4": ["200 mm"],
     "static_hex8": ["200 mm"],
@@ -45,7 +48,7 @@ FIXED = {
 }
 
 
-def short_study(study: Study, rungs: dict[str, list]) -> Study:
+def short_study(study: Study, rungs: Rungs) -> Study:
     """The families of a study with few of their own segments or sizes."""
     families = []
     for family in study.families:
@@ -56,7 +59,7 @@ def short_study(study: Study, rungs: dict[str, list]) -> Study:
     return dataclasses.replace(study, families=tuple(families), cold=False, repeats=1)
 
 
-def climb(name: str, rungs: dict[str, list], folder: Path, scene_file: Path | None = None) -> tuple[LadderBeam, list]:
+def climb(name: str, rungs: Rungs, folder: Path, scene_file: Path | None = None) -> Ladder:
     path = scene_file or MACHINES / f"{name}.toml"
     scene = load_scene(path)
     study = short_study(scene.studies["ladder"], rungs)
@@ -70,16 +73,16 @@ def climb(name: str, rungs: dict[str, list], folder: Path, scene_file: Path | No
 
 
 @pytest.fixture(scope="module")
-def cantilever(tmp_path_factory: pytest.TempPathFactory) -> tuple[LadderBeam, list]:
+def cantilever(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
     return climb("cantilever", CANTILEVER, tmp_path_factory.mktemp("cantilever"))
 
 
 @pytest.fixture(scope="module")
-def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> tuple[LadderBeam, list]:
+def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
     return climb("fixed_beam", FIXED, tmp_path_factory.mktemp("fixed"))
 
 
-def verdicts(ladder: tuple[LadderBeam, list], figure: int, models: str) -> dict[str, bool]:
+def verdicts(ladder: Ladder, figure: int, models: str) -> dict[str, bool]:
     return {claim.text: claim.held for claim in judge_ladder(*ladder) if claim.figure == figure and claim.models == models}
 
 

@@ -42,7 +42,10 @@ def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(summary:
 
 
 def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: RunSummary) -> None:
-    stiffness = {pose: 1e3 / np.diag(points["tcp"]["compliance_um_per_kN"]) for pose, points in summary["static_poses"].items()}
+    stiffness = {
+        pose: 1e3 / np.diag(np.array(points["tcp"]["compliance_um_per_kN"], dtype=float))
+        for pose, points in summary["static_poses"].items()
+    }
     assert np.allclose(stiffness["config_1"], [30.3, 30.7, 21.9], atol=0.1)
     assert np.allclose(stiffness["config_3"], [26.3, 24.1, 15.6], atol=0.1)
     assert all(sum(shares.values()) == pytest.approx(1.0) for shares in summary["static"]["tcp"]["budget"].values())
@@ -65,14 +68,15 @@ def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(summary:
 def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(summary: RunSummary, tmp_path: Path) -> None:
     scene = keep_analyses(load_scene(SCENE, variant="components"), WANTED)
     found = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))
-    for coupled, lumped in zip(found["modal"], summary["modal"], strict=True):
-        assert coupled["pose_name"] == lumped["pose_name"]
-        assert np.allclose(coupled["frequencies_hz"], lumped["frequencies_hz"], rtol=1e-9, atol=0.0)
+    for ours, lumped in zip(found["modal"], summary["modal"], strict=True):
+        assert ours["pose_name"] == lumped["pose_name"]
+        assert np.allclose(ours["frequencies_hz"], lumped["frequencies_hz"], rtol=1e-9, atol=0.0)
     for pose, points in summary["static_poses"].items():
         expected = np.array(points["tcp"]["compliance_6x6"])
         coupled = np.array(found["static_poses"][pose]["tcp"]["compliance_6x6"])
         assert np.abs(coupled - expected).max() < 1e-9 * np.abs(expected).max()
-        assert np.allclose(found["static_poses"][pose]["tcp"]["displacement"], points["tcp"]["displacement"], rtol=1e-8, atol=1e-15)
+        moved, right = (np.array(each["displacement"], dtype=float) for each in (found["static_poses"][pose]["tcp"], points["tcp"]))
+        assert np.allclose(moved, right, rtol=1e-8, atol=1e-15)
     assert found["mechanism"] == summary["mechanism"]
     # the tripod is held twice over-constrained, as its mobility says
     assert found["warnings"] and all("2 held motion(s)" in warning for warning in found["warnings"])

@@ -26,6 +26,7 @@ from headstock.geometry.parts.components import (
     SegmentSettings,
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile
+from headstock.meshing.components.meshing import mesh_component
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
@@ -88,7 +89,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
         return recorded
 
-    monkeypatch.setattr(component_stages, "mesh_component", record("mesh", component_stages.mesh_component))
+    monkeypatch.setattr(component_stages, "mesh_component", record("mesh", mesh_component))
     monkeypatch.setattr(elastic_reduction, "reduce_elastic", record("reduce", elastic_reduction.reduce_elastic))
     return made
 
@@ -241,7 +242,7 @@ def test_an_imported_superelement_gives_what_the_component_itself_gives(tmp_path
     direct = run(scene, tmp_path)
     calls.clear()
     column = scene.machine.components["column"]
-    reduced = elastic_reduction.reduce_elastic(column, component_stages.mesh_component(column), comm=MPI.COMM_SELF)
+    reduced = elastic_reduction.reduce_elastic(column, mesh_component(column), comm=MPI.COMM_SELF)
     write_superelement(tmp_path / "column.h5", reduced)
     calls.clear()
     imported = dataclasses.replace(column, solid=SuperelementFile(tmp_path / "column.h5"))

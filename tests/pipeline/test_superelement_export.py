@@ -57,7 +57,7 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path) -> None
     first = run_scene(scene, tmp_path / "a", comm=MPI.COMM_SELF, store=store)
     second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
     assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
-    bounds = [[error.shares[REDUCTION] for error in results.modal[0].errors] for results in (first, second)]
+    bounds = [[present(error.shares[REDUCTION]) for error in results.modal[0].errors] for results in (first, second)]
     assert bounds[1] == pytest.approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0
     given, found = (results.static["reference"]["tcp"].compliance for results in (first, second))
     assert np.abs(found - given).max() <= 1e-12 * np.abs(given).max()
@@ -81,8 +81,9 @@ def test_a_rail_and_its_stations_go_through_a_file(tmp_path: Path) -> None:
     assert len(found.stations) == 6 and found.boundary_size == element.boundary_size
     expected = carriage_rows(element.rails["rail"], 0.17, 0.25)
     np.testing.assert_array_equal(carriage_rows(found.rails["rail"], 0.17, 0.25), expected)
-    np.testing.assert_array_equal(present(found.errors.truncation).first, element.errors.truncation.first)
-    wrong = dataclasses.replace(element.errors.truncation, second=present(element.errors.truncation).second[:-1])
+    truncation = present(element.errors.truncation)
+    np.testing.assert_array_equal(present(found.errors.truncation).first, truncation.first)
+    wrong = dataclasses.replace(truncation, second=truncation.second[:-1])
     write_superelement(
         tmp_path / "wrong.h5", dataclasses.replace(element, errors=dataclasses.replace(element.errors, truncation=wrong))
     )

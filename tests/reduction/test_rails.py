@@ -13,7 +13,7 @@ from common import Dense, make_box
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, Patch, RailSettings, SegmentSettings
+from headstock.geometry.parts.components import Component, Fidelity, Interface, Material, Patch, RailSettings, SegmentSettings
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, Tube
 from headstock.meshing.component_mesh import ComponentMesh
@@ -41,14 +41,14 @@ def rail_interface(stations: int = STATIONS) -> Interface:
     return Interface("rail", (Patch("z+"),), "average", rail=RailSettings("x", stations))
 
 
-def bar(fidelity: str, *, segments: int = 10) -> Component:
+def bar(fidelity: Fidelity, *, segments: int = 10) -> Component:
     interfaces = {"end": Interface("end", (Patch("x-"),)), "rail": rail_interface()}
     return Component(
         "bar", Box((LENGTH, WIDTH, HEIGHT)), STEEL, interfaces=interfaces, fidelity=fidelity, segments=SegmentSettings(segments)
     )
 
 
-def reduce_bar(fidelity: str, *, segments: int = 10) -> Superelement:
+def reduce_bar(fidelity: Fidelity, *, segments: int = 10) -> Superelement:
     component = bar(fidelity, segments=segments)
     properties = closed_form_properties(component)
     assert properties is not None
@@ -119,7 +119,7 @@ def test_what_a_carriage_sees_is_smooth_across_the_stations() -> None:
     rail = Rail(0, np.zeros(3), 0.0, 1.0, place_knots(0.0, 1.0, 8), np.eye(32))
     step = 1e-3
     places = np.arange(0.1, 0.9, step)
-    rows = np.array([carriage_rows(rail, place, 0.15) for place in places])
+    rows = np.array([carriage_rows(rail, float(place), 0.15) for place in places])
     jumps = np.abs(np.diff(rows, 4, axis=0)).max() / step**3
     smooth = np.abs(np.diff(rows, 3, axis=0)).max() / step**3
     assert jumps < 0.05 * smooth
@@ -183,7 +183,7 @@ def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does() -> None:
     assert worst[1] < 0.5 * worst[0] and worst[2] < 0.5 * worst[1]
 
 
-def sliding_machine(fidelity: str, block: float = CARRIAGE, turn: Frame | None = None) -> Machine:
+def sliding_machine(fidelity: Fidelity, block: float = CARRIAGE, turn: Frame | None = None) -> Machine:
     place = turn or Frame()
     base = dataclasses.replace(bar(fidelity), placement=place)
     up = Frame(place.origin + place.rotation @ np.array([0.0, 0.0, HEIGHT]), place.rotation)

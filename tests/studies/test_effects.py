@@ -5,27 +5,32 @@ from pathlib import Path
 
 import pytest
 
+from common import sketch
 from headstock.app.actions.effecting import tell_trial
 from headstock.app.command_line import main
 from headstock.pipeline.results.estimates import show_share
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.studies.effects import Change, EffectTrial, compare_answers, list_answers, rank_trials, try_effects
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
-EMPTY = {"modal": [], "static": {}}
+EMPTY = sketch(RunSummary, {"modal": [], "static": {}})
 
 
-def modal(*frequencies: float) -> dict[str, object]:
-    return {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}}
+def modal(*frequencies: float) -> RunSummary:
+    return sketch(RunSummary, {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}})
 
 
 def test_a_frequency_is_held_against_itself_and_a_vector_against_its_largest_entry() -> None:
     (change,) = compare_answers(modal(50.0, 100.0), modal(51.5, 98.0))
     assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
     assert change.share == pytest.approx(1.5 / 51.5)
-    points = [{"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}} for x in (10.0, 11.0)]
-    vector = next(change for change in compare_answers(*points) if change.answer == "static compliance")
+    first, second = (
+        sketch(RunSummary, {"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}})
+        for x in (10.0, 11.0)
+    )
+    vector = next(change for change in compare_answers(first, second) if change.answer == "static compliance")
     assert vector.share == pytest.approx(1.0 / 11.0) and vector.without == 10.0
     assert list_answers(modal(50.0))["frequencies"]["pose p"].tolist() == [50.0]
 

@@ -35,10 +35,6 @@ TABLE_3: dict[str, tuple[float, ...]] = {
 # which of them the authors put beside measured mode 9, the Y-translation of the sliders: a number of table 3, from 1
 MODE_9 = {"R": 4, "BE": 5, "YCE": 7}
 TABLE_3_FEM = (78.2, 144.0, 153.0, 172.0, 237.0, 250.0, 276.0)  # YCE with the finite element method [Hz]
-# table 1
-TRAVEL = 0.2  # of each axis [m]
-SCREW_LEADS = {"X": 0.010, "Y": 0.010, "Z": 0.005}  # [m]
-DRIVEN_MASSES = {"X": 35.0, "Y": 47.0, "Z": 4.0}  # [kg]
 MEASURED_COMPLIANCE = {"x": 9.3, "y": 11.5, "z": 151.0}  # size of dz per force along each axis [um/kN]
 LISTED_TO_HZ = 300.0
 SCENE = PROJECT / "machines" / "three_axis.toml"

@@ -127,14 +127,3 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
         rows = [show(case, f"{material}: force of leg 1 varies on face 3 by", spans[-1], "N", "peak to peak over 0.4 s")]
     note = "claim: the torque of motor 1 varies more on face 3"
     return [*rows, judge_bound(case, f"{material}: variation of leg 1 on face 1 over face 3", spans[0] / spans[1], 1.0, note)]
-
-
-def run_start(tripteor: Tripteor, material: str, until: float) -> ContourRun:
-    """The first instants of the paper's contour by the linear model.
-
-    Args:
-        tripteor: The lumped mechanism.
-        material: Name of the work material.
-        until: End [s].
-    """
-    return run_contour(tripteor.scene, tripteor.model, contour_request(material), until=until)

@@ -119,7 +119,14 @@ def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(folder: Path
     path, report = folder / "summary.json", (folder / "report.html").read_bytes()
     whole = path.read_text()
     summary = json.loads(whole)
-    edited = ({**summary, "modal": [{"x": 1}]}, {**summary, "stages": 3}, {**summary, "files": 3}, [1], None, {})
+    edited: tuple[object, ...] = (
+        {**summary, "modal": [{"x": 1}]},
+        {**summary, "stages": 3},
+        {**summary, "files": 3},
+        [1],
+        None,
+        {},
+    )
     for text in (whole[:-50], *(json.dumps(content) for content in edited)):
         path.write_text(text)
         capsys.readouterr()

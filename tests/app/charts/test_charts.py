@@ -7,6 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from common import sketch
 from headstock.app.charts import comparison, frf, study, sweep
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.frf import draw_responses
@@ -18,8 +19,10 @@ from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.scene.studies import Study, StudyFamily
+from headstock.studies.comparison import ComparisonSummary, LinkSummary
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
+from headstock.studies.sweeps.files import SweepSummary
 
 YOUNG, COUNT = "materials.steel.E", "components.a_component_with_a_long_name.segments.count"
 
@@ -30,7 +33,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     found: list[Figure] = []
 
     def keep(figure: Figure) -> FloatArray:
-        FigureCanvasAgg(figure).draw()
+        FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call] # matplotlib's own
         found.append(figure)
         return np.zeros((1, 1, 4), dtype=np.uint8)
 
@@ -39,7 +42,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return found
 
 
-def make_table(counts: int, youngs: tuple[object, ...], watched: int = 2) -> StudyTable:
+def make_table(counts: int, youngs: tuple[str | float, ...], watched: int = 2) -> StudyTable:
     vary = {YOUNG: youngs, COUNT: tuple(range(1, counts + 1))}
     study = Study("s", (StudyFamily("", "", {}, vary),), ("modal.frequencies_hz",))
     records = [
@@ -50,7 +53,7 @@ def make_table(counts: int, youngs: tuple[object, ...], watched: int = 2) -> Stu
             status="done",
             summary={"modal": [{"pose_name": "p", "frequencies_hz": [100.0 * number + count + index for index in range(watched)]}]},
         )
-        for (number, young), count in itertools.product(enumerate(youngs), vary[COUNT])
+        for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1))
     ]
     return tabulate_study(study, records)
 
@@ -72,12 +75,12 @@ def test_every_series_of_a_study_is_drawn_and_its_legend_is_whole(figures: list[
 def test_quantities_stand_on_an_axis_of_numbers_with_their_unit_and_titles_are_words(figures: list[Figure]) -> None:
     draw_study(make_table(2, ("110 GPa", "150 GPa", "210 GPa")))
     axes = figures[0].axes[0]
-    np.testing.assert_allclose(axes.get_lines()[0].get_xdata(), [110.0, 150.0, 210.0])
+    np.testing.assert_allclose(np.asarray(axes.get_lines()[0].get_xdata(), dtype=float), [110.0, 150.0, 210.0])
     assert [label.get_text() for label in axes.get_xticklabels()] == ["110", "150", "210"]
     assert axes.get_xlabel() == "materials.steel.E [GPa]"
     assert axes.get_title("left") == "frequency 1 [Hz]"
     draw_study(make_table(2, ("210 GPa", "1.5e5 MPa")))
-    np.testing.assert_allclose(figures[1].axes[0].get_lines()[0].get_xdata(), [1.5e11, 2.1e11])
+    np.testing.assert_allclose(np.asarray(figures[1].axes[0].get_lines()[0].get_xdata(), dtype=float), [1.5e11, 2.1e11])
     assert figures[1].axes[0].get_xlabel() == "materials.steel.E [Pa]"
 
 
@@ -114,8 +117,8 @@ def test_labels_that_would_touch_are_moved_up() -> None:
     assert spread_labels([1.0, 1.1, 5.0], 1.0) == [1.0, 2.0, 5.0]
 
 
-def make_comparison() -> dict:
-    def variant() -> dict:
+def make_comparison() -> ComparisonSummary:
+    def variant() -> dict[str, object]:
         point = {
             "compliance_um_per_kN": np.diag([1010.2, 2.0, 3.0]).tolist(),
             "compliance_6x6": np.eye(6).tolist(),
@@ -144,9 +147,9 @@ def make_comparison() -> dict:
         }
         for number, value in enumerate(hz)
     ]
-    return {
+    return sketch(ComparisonSummary, {
         "scene": "s", "pose": "p", "reference": names[0], "same_from": 0.5, "modes": rows, "variants": {name: variant() for name in names}
-    }  # fmt: skip
+    })  # fmt: skip
 
 
 def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: list[Figure]) -> None:
@@ -166,7 +169,7 @@ def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: lis
 def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
     summary = make_comparison()
     assert "weak link" not in render_comparison(summary, {})
-    link = {"name": "bed", "share": 0.5, "change_if_doubled": -0.2}
+    link: LinkSummary = {"name": "bed", "share": 0.5, "change_if_doubled": -0.2}
     summary["variants"]["variant_with_a_long_name_1"]["static"]["tcp"]["weak_link"]["y"] = link
     page = render_comparison(summary, {})
     assert "weak link y" in page and "weak link x" not in page
@@ -184,7 +187,7 @@ def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Fig
         "condition_number": None,
         "frf": {},
     }
-    draw_sweep(summary)
+    draw_sweep(sketch(SweepSummary, summary))
     bar = figures[0].axes[1]
     assert bar.yaxis.get_offset_text().get_text() == ""
     labels = [float(label.get_text()) for label in bar.get_yticklabels() if label.get_text()]

@@ -19,6 +19,7 @@ from headstock.app.report.report import render_report
 from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.pipeline.results.frf import ResponseCurves
+from headstock.solvers.second_order import ComplexArray
 
 PORTS = (("tcp", "x"), ("<b>", "rx"))
 SCENE = """
@@ -66,7 +67,7 @@ outputs = ["tcp", ["head.seat", "rx"]]
 
 def curves_with_a_gap() -> ResponseCurves:
     frequencies = np.linspace(0.0, 100.0, 11, dtype=np.float64)
-    values = np.exp(-1j * frequencies / 10.0)[:, None, None] * np.ones((1, 2, 2)) * 1e-6
+    values: ComplexArray = 1e-6 * np.exp(-0.1j * frequencies)[:, None, None] * np.ones((1, 2, 2))
     values[0], values[5] = 1e-6, np.nan
     return ResponseCurves("reference", PORTS, PORTS, frequencies, values)
 

@@ -16,7 +16,7 @@ PORTS = (("tcp", "z"), ("tcp", "rx"))
 
 def make_curves(feed: float) -> PathCurves:
     move = SetPoint(0.08, feed, Ramp("linear", 0.1))
-    times = np.arange(0.0, move.duration + 0.3, 4e-4)
+    times = np.arange(0.0, move.duration + 0.3, 4e-4, dtype=np.float64)
     motion = sample_move(move, times)
     follows = np.column_stack([-3e-7 * motion.accelerations, 1e-7 * motion.accelerations])
     rings = 1e-7 * np.column_stack([np.sin(500.0 * times), np.cos(500.0 * times)])

@@ -12,7 +12,7 @@ SIZE = (0.1, 0.2, 0.4)
 
 def box_faces() -> list[CadFace]:
     """The faces of a block from the origin, in the order x- x+ y- y+ z- z+."""
-    faces = []
+    faces: list[CadFace] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
             low, high, normal = [0.0] * 3, list(SIZE), [0.0] * 3

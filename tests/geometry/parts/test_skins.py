@@ -6,7 +6,7 @@ import pytest
 from headstock.geometry.parts.skin_decimation import decimate_skin
 from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges, split_skin
 from headstock.geometry.parts.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 
 def enclosed_volume(skin: Skin) -> float:
@@ -16,13 +16,13 @@ def enclosed_volume(skin: Skin) -> float:
 
 def edges_used_once_in_each_direction(skin: Skin) -> bool:
     directed = np.vstack([skin.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
-    forward = {tuple(edge) for edge in directed.tolist()}
+    forward = {(int(a), int(b)) for a, b in directed}
     return len(forward) == len(directed) and all((b, a) in forward for a, b in forward)
 
 
 SIDES = 48
 POLYGON = SIDES / 2 * np.sin(2 * np.pi / SIDES)  # area of the polygon in the unit circle
-CASES = {
+CASES: dict[str, tuple[Solid, float]] = {
     "box": (Box((0.1, 0.2, 0.3)), 0.1 * 0.2 * 0.3),
     "column": (HollowColumn((0.3, 0.4, 1.0), 0.02, 0.02), 0.3 * 0.4 * 1.0),
     "tube": (Tube(0.1, 0.06, 0.5), POLYGON * (0.05**2 - 0.03**2) * 0.5),
@@ -80,8 +80,8 @@ def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
     assert len(finer.triangles) == 16 * len(skin.triangles)
     assert enclosed_volume(finer) == pytest.approx(6.0, rel=1e-12)
     assert edges_used_once_in_each_direction(finer)
-    recomputed = {tuple(edge) for edge in sharp_edges(finer.points, finer.triangles).tolist()}
-    assert {tuple(sorted(edge)) for edge in finer.edges.tolist()} == recomputed
+    recomputed = {(int(a), int(b)) for a, b in sharp_edges(finer.points, finer.triangles)}
+    assert {(int(a), int(b)) for a, b in np.sort(finer.edges, axis=1)} == recomputed
 
 
 @pytest.mark.parametrize(

@@ -52,11 +52,13 @@ def write_serendipity(path: Path, lattice: FloatArray) -> None:
     """The file of a lattice with 20-node cells and 8-node facets."""
     cells, sides = lattice_cells(lattice.shape[:3])[:, :20], lattice_sides(lattice.shape[:3])
     used, numbers = np.unique(cells, return_inverse=True)
-    place = dict(zip(used.tolist(), range(1, len(used) + 1), strict=True))
+    place = {int(node): number for number, node in enumerate(used, start=1)}
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(sides) + 1)]
     lines += [f'2 {number} "{name}"' for number, name in enumerate(sides, start=1)] + ['3 7 "body"', "$EndPhysicalNames"]
     lines += ["$Nodes", str(len(used))]
-    lines += [f"{n} {x!r} {y!r} {z!r}" for n, (x, y, z) in enumerate(lattice.reshape(-1, 3)[used].tolist(), start=1)]
+    lines += [
+        f"{n} " + " ".join(repr(float(value)) for value in point) for n, point in enumerate(lattice.reshape(-1, 3)[used], start=1)
+    ]
     elements = [
         f"16 2 {number} {number} " + " ".join(str(place[int(node)]) for node in facet[:8])
         for number, facets in enumerate(sides.values(), start=1)

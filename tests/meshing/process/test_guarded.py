@@ -185,7 +185,7 @@ print(run_job(MeshJob("describe", {"kind": "Box", "size": [1.0, 2.0, 3.0]}), wha
 """
     command = ["bash", "-c", f'{limits}; exec "$@"', "bash", sys.executable, "-P", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.returncode, float(done.stdout)) == (0, pytest.approx(6.0)), done.stderr
+    assert done.returncode == 0 and float(done.stdout) == pytest.approx(6.0), done.stderr
 
 
 def test_a_limit_of_the_shell_is_named_when_it_is_met() -> None:

@@ -104,9 +104,10 @@ def test_modes_reach_three_times_the_wanted_frequency() -> None:
 
 @pytest.mark.parametrize("what", ["modal", "frf"])
 def test_modes_of_a_component_without_interfaces_are_exact_and_need_no_margin_but_for_their_errors(what: str) -> None:
-    request = ModalRequest(up_to_hz=500.0) if what == "modal" else FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=500.0)
     bare = dataclasses.replace(make_component("column"), interfaces={})
-    plan = plan_scene(make_scene(bare, **{what: request}))
+    frf = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=500.0)
+    scene = make_scene(bare, modal=ModalRequest(up_to_hz=500.0)) if what == "modal" else make_scene(bare, frf=frf)
+    plan = plan_scene(scene)
     assert plan.components["column"].reduction == ReductionSettings(modes_to_hz=1.5 * 500.0, modes=MOST_DEFAULT_MODES)
 
 

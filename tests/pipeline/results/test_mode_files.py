@@ -4,26 +4,31 @@ import dataclasses
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
 import pytest
 import pyvista
 
+from common import sketch
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
+from headstock.pipeline.results.modal import ModesSummary
 from headstock.pipeline.results.mode_files import SHOWN_SHARE, encode_glb, encode_vtu, file_stem, machine_size, write_mode_files
 from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.storage.outputs import replace_outputs
 
 NAMES = ("base", 'slider "<&> 2"')
-MODES = {
+CONTENT = {
     "pose_name": "a/b",
     "frequencies_hz": [0.0, 87.25],
     "mode_names": ["free", "slider moves"],
     "rigid_count": 1,
     "damping_ratio": [None, None],
 }
+MODES = sketch(ModesSummary, CONTENT)
+Gltf = dict[str, Any]  # JSON of glTF 2.0
 
 
 def make_view() -> MachineView:
@@ -36,7 +41,7 @@ def make_view() -> MachineView:
     return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts, {"tcp x": pushes})})
 
 
-def read_glb(content: bytes) -> tuple[dict, bytes]:
+def read_glb(content: bytes) -> tuple[Gltf, bytes]:
     magic, version, length = struct.unpack_from("<4sII", content)
     assert (magic, version, length) == (b"glTF", 2, len(content))
     size, kind = struct.unpack_from("<I4s", content, 12)
@@ -47,7 +52,7 @@ def read_glb(content: bytes) -> tuple[dict, bytes]:
     return json.loads(content[20 : 20 + size]), content[start + 8 :]
 
 
-def accessor(gltf: dict, binary: bytes, number: int) -> FloatArray:
+def accessor(gltf: Gltf, binary: bytes, number: int) -> FloatArray:
     about = gltf["accessors"][number]
     view = gltf["bufferViews"][about["bufferView"]]
     width = {"SCALAR": 1, "VEC3": 3}[about["type"]]
@@ -79,7 +84,11 @@ def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_c
     for frequencies in ([0.0, 87.25], [0.0, 91.5]):
         path = tmp_path / "a.vtu"
         path.write_bytes(
-            encode_vtu(view, view.poses["a/b"], MODES | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]})
+            encode_vtu(
+                view,
+                view.poses["a/b"],
+                sketch(ModesSummary, CONTENT | {"frequencies_hz": frequencies, "damping_ratio": [None, 0.02]}),
+            )
         )
         grid = pyvista.read(path)
         np.testing.assert_array_equal(grid.field_data["frequencies_hz"], frequencies)

@@ -1,11 +1,12 @@
 """Displacement and stress at probes, from a scene."""
 
-import json
 from pathlib import Path
 
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.results.files import read_summary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -43,11 +44,11 @@ at = "tcp"
 """
 
 
-def _run(tmp_path: Path, text: str) -> dict:
+def _run(tmp_path: Path, text: str) -> RunSummary:
     scene = tmp_path / "beam.toml"
     scene.write_text(text)
     run_scene(load_scene(scene), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
-    return dict(json.loads((tmp_path / "out" / "summary.json").read_text()))
+    return read_summary(tmp_path / "out")
 
 
 def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) -> None:

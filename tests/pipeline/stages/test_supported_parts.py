@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.pipeline.results.files import read_summary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -37,11 +39,11 @@ def support(name: str, face: str, *directions: str) -> str:
     return f'[supports.{name}]\nface = "part.{face}"\nfix = {json.dumps(directions)}\n'
 
 
-def run(tmp_path: Path, text: str, name: str = "scene") -> dict:
+def run(tmp_path: Path, text: str, name: str = "scene") -> RunSummary:
     scene = tmp_path / f"{name}.toml"
     scene.write_text(text)
     run_scene(load_scene(scene), tmp_path / name, comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
-    return dict(json.loads((tmp_path / name / "summary.json").read_text()))
+    return read_summary(tmp_path / name)
 
 
 def test_a_column_on_supports_without_any_interface_is_pressed_by_force_over_stiffness(tmp_path: Path) -> None:

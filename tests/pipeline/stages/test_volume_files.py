@@ -1,6 +1,5 @@
 """Volume meshes in files: whole cells in VTK's order, the motions of the run, and stresses of beam theory."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,8 @@ import pyvista
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
+from headstock.pipeline.results.files import read_summary
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.stages.volume_files import von_mises
 
 WIDTH, LENGTH = 0.02, 0.2
@@ -47,15 +48,18 @@ count = 2
 """
 
 
+Run = tuple[RunSummary, pyvista.UnstructuredGrid, Path]
+
+
 @pytest.fixture(scope="module", params=["tet", "hex"])
-def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, pyvista.UnstructuredGrid, Path]:
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp(request.param)
     (folder / "beam.toml").write_text(SCENE.replace("CELLS", request.param))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
         assert main(["run", str(folder / "beam.toml"), "-o", str(folder / "out"), "--volume", "--no-figures"]) == 0
         grid = pyvista.read(folder / "out" / "volume" / "reference.vtu")
-        summary = json.loads((folder / "out" / "summary.json").read_text())
+        summary = read_summary(folder / "out")
         assert main(["run", str(folder / "beam.toml"), "-o", str(folder / "out"), "--no-figures"]) == 0
     return summary, grid, folder
 
@@ -68,7 +72,7 @@ def cell_volumes(grid: pyvista.UnstructuredGrid) -> FloatArray:
     return np.asarray(corners.compute_cell_sizes(length=False, area=False)["Volume"])
 
 
-def test_the_cells_fill_the_part_where_it_stands(run: tuple[dict, pyvista.UnstructuredGrid, Path]) -> None:
+def test_the_cells_fill_the_part_where_it_stands(run: Run) -> None:
     _, grid, _ = run
     sizes = cell_volumes(grid)
     assert (sizes > 0.0).all()
@@ -80,7 +84,7 @@ def test_the_cells_fill_the_part_where_it_stands(run: tuple[dict, pyvista.Unstru
         np.testing.assert_allclose(edge.points[2], edge.points[:2].mean(axis=0), atol=1e-9)
 
 
-def test_motions_are_those_of_the_run(run: tuple[dict, pyvista.UnstructuredGrid, Path]) -> None:
+def test_motions_are_those_of_the_run(run: Run) -> None:
     summary, grid, _ = run
     matrix = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])
     tip = grid.points[:, 2] > 0.22 - 1e-9
@@ -89,7 +93,7 @@ def test_motions_are_those_of_the_run(run: tuple[dict, pyvista.UnstructuredGrid,
     assert grid.point_data["mode_02"].shape == (grid.n_points, 3)
 
 
-def test_stress_and_energy_are_those_of_a_beam(run: tuple[dict, pyvista.UnstructuredGrid, Path]) -> None:
+def test_stress_and_energy_are_those_of_a_beam(run: Run) -> None:
     summary, grid, _ = run
     middles = np.array(
         [grid.get_cell(index).points[: 4 if grid.celltypes[0] == 24 else 8].mean(axis=0) for index in range(grid.n_cells)]
@@ -106,7 +110,7 @@ def test_stress_and_energy_are_those_of_a_beam(run: tuple[dict, pyvista.Unstruct
     assert 0.6 * 0.5 * omega**2 < energy < 1.01 * 0.5 * omega**2
 
 
-def test_a_run_without_volumes_removes_those_of_an_earlier_run(run: tuple[dict, pyvista.UnstructuredGrid, Path]) -> None:
+def test_a_run_without_volumes_removes_those_of_an_earlier_run(run: Run) -> None:
     assert not list((run[2] / "out").glob("volume/*"))
 
 

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -149,13 +150,14 @@ def test_what_is_no_plain_file_of_headstock_is_not_written_over(tmp_path: Path, 
     mine.write_bytes(b"mine")
     write_output(path, b"old")
     path.unlink()
-    {
+    makers: dict[str, Callable[[], None]] = {
         "link": lambda: path.symlink_to(mine),
         "dangling link": lambda: path.symlink_to(tmp_path / "nowhere"),
         "pipe": lambda: os.mkfifo(path),
         "folder": path.mkdir,
         "hard link": lambda: path.hardlink_to(mine),
-    }[kind]()
+    }
+    makers[kind]()
     with pytest.raises(TakenOutputError, match=r"x\.json"):
         write_output(path, b"new")
     assert mine.read_bytes() == b"mine"
@@ -186,7 +188,12 @@ def test_a_list_that_names_files_elsewhere_removes_none_of_them(tmp_path: Path, 
 def test_a_list_that_is_no_file_is_a_named_error(tmp_path: Path, what: str) -> None:
     path, mine = tmp_path / LIST_FILE, tmp_path / "mine"
     mine.write_bytes(b"mine\n")
-    {"link": lambda: path.symlink_to(mine), "pipe": lambda: os.mkfifo(path), "folder": path.mkdir}[what]()
+    makers: dict[str, Callable[[], None]] = {
+        "link": lambda: path.symlink_to(mine),
+        "pipe": lambda: os.mkfifo(path),
+        "folder": path.mkdir,
+    }
+    makers[what]()
     with pytest.raises(OutputError, match="cannot be written"):
         write_output(tmp_path / "x.json", b"1")
     assert mine.read_bytes() == b"mine\n"

@@ -80,7 +80,7 @@ def make_superelement() -> Superelement:
         center_of_mass=np.zeros(3),
         inertia=np.eye(3),
         residual=1e-12,
-        loads={"push": StaticLoad(np.arange(8.0), None), "pull": StaticLoad(np.ones(8), np.ones(12))},
+        loads={"push": StaticLoad(np.arange(8.0, dtype=np.float64), None), "pull": StaticLoad(np.ones(8), np.ones(12))},
         free_dofs=("tip.rz",),
     )
 

@@ -47,7 +47,7 @@ def test_shapes_are_rigid_motions_about_the_centroid(mesh: ComponentMesh) -> Non
     dofs, values, number = basis.shapes[0]
     assert number == 0
     nodes = dofs[::3] // 3
-    np.testing.assert_allclose(values, rigid_map(mesh.points[nodes], [SIZE[0] / 2, SIZE[1] / 2, 0.0]), atol=1e-15)
+    np.testing.assert_allclose(values, rigid_map(mesh.points[nodes], np.array([SIZE[0] / 2, SIZE[1] / 2, 0.0])), atol=1e-15)
 
 
 def test_separate_interfaces_are_independent(mesh: ComponentMesh) -> None:

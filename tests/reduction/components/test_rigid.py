@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from headstock.geometry.frames import Frame, rotation_about
+from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
@@ -16,7 +16,7 @@ from headstock.solvers.errors import ModelError
 
 SIZE = (0.4, 0.2, 0.1)
 VOLUME = 0.4 * 0.2 * 0.1
-INERTIA = np.diag([0.2**2 + 0.1**2, 0.4**2 + 0.1**2, 0.4**2 + 0.2**2]) * VOLUME / 12.0
+INERTIA: FloatArray = VOLUME / 12.0 * np.diag(np.array([0.2**2 + 0.1**2, 0.4**2 + 0.1**2, 0.4**2 + 0.2**2]))
 TOP = np.array([0.1, 0.05, 0.1])
 PROPERTIES = SolidProperties(
     VOLUME, np.array([0.0, 0.0, 0.05]), INERTIA, {"top": 0.01, "load:push": 0.02}, {"top": TOP, "load:push": TOP}

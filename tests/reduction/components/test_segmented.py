@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from common import make_box, make_component
-from headstock.geometry.frames import FloatArray, Frame, rotation_about
+from headstock.geometry.frames import BoolArray, FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, orient_machine
 from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch, SegmentSettings
@@ -180,7 +180,7 @@ def test_an_averaging_patch_stiffens_nothing() -> None:
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
 def test_a_side_patch_answers_as_on_finite_elements(coupling: str) -> None:
-    def side(centers: FloatArray) -> FloatArray:
+    def side(centers: FloatArray) -> BoolArray:
         return np.asarray((centers[:, 0] > 0.0379) & (centers[:, 2] > 0.2) & (centers[:, 2] < 0.3))
 
     mesh = make_box((2, 4, 20), SIZE, {"foot": "z-", "tip": side})

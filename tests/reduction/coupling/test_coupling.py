@@ -78,11 +78,10 @@ def test_rigidly_joined_bodies_equal_the_one_body_they_make() -> None:
     joints = [joint_between("foot", "ground", "a.foot", stiffness=SPRING)]
     weld = joint_between("weld", "a.top", "b.seat", held=range(6))
     found = couple(*lumped_machine([a, b], [*joints, weld], {"tcp": ("b.tip", "ground")}), HOME)
-    center = (30.0 * np.array([0, 0, 0.2]) + 20.0 * np.array([0.2, 0.1, 0.5])) / 50.0
-    mass = sum(
-        rigid_transfer(center, place).T @ part.mass @ rigid_transfer(center, place)
-        for part, place in ((a[1], np.array([0, 0, 0.2])), (b[1], np.array([0.2, 0.1, 0.5])))
-    )
+    middles: list[FloatArray] = [np.array([0.0, 0.0, 0.2]), np.array([0.2, 0.1, 0.5])]
+    center = np.average(middles, axis=0, weights=[30.0, 20.0])
+    levers = [rigid_transfer(center, place) for place in middles]
+    mass = levers[0].T @ a[1].mass @ levers[0] + levers[1].T @ b[1].mass @ levers[1]
     stiffness = rigid_transfer(center, np.zeros(3)).T @ np.diag(SPRING) @ rigid_transfer(center, np.zeros(3))
     expected = np.sqrt(scipy.linalg.eigvalsh(mass, stiffness)[::-1] ** -1.0) / (2.0 * np.pi)
     np.testing.assert_allclose(solve_modal(found.system).frequencies_hz, expected, rtol=1e-12)

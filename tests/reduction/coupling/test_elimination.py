@@ -43,7 +43,7 @@ def test_stiff_groups_are_seen_only_by_their_own_coordinates() -> None:
     generator = np.random.default_rng(0)
     held, stiff, middle = (generator.normal(size=(count, 10)) for count in (2, 3, 2))
     found = eliminate_constraints(held, [stiff, middle], np.ones(10))
-    assert sorted(found.levels.tolist()) == [0, 0, 0, 1, 1, 1, 2, 2]
+    assert np.sort(found.levels).tolist() == [0, 0, 0, 1, 1, 1, 2, 2]
     np.testing.assert_allclose((stiff @ found.basis)[:, found.levels != 1], 0.0, atol=1e-13)
     np.testing.assert_allclose((middle @ found.basis)[:, found.levels == 0], 0.0, atol=1e-13)
     np.testing.assert_allclose(found.basis.T @ found.basis, np.eye(8), atol=1e-13)
@@ -64,7 +64,7 @@ def rigid_joints(bodies: int, joints: list[tuple[int, int]], seed: int) -> tuple
 @pytest.mark.parametrize("seed", range(4))
 def test_sets_taken_apart_span_what_one_decomposition_of_all_rows_does_on_random_graphs(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    joints = [tuple(int(body) for body in generator.choice(8, 2, replace=False)) for _ in range(7)]
+    joints = [(int(first), int(second)) for first, second in (generator.choice(8, 2, replace=False) for _ in range(7))]
     # some joints twice: redundant
     rows, scale = rigid_joints(8, [*joints, *joints[:2]], seed)
     rows[-12:] = rows[:12]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -33,10 +34,12 @@ def screw_machine(shaft: ScrewShaft, *, soft: float = 0.0) -> tuple[dict[str, Su
         rigid_body("slide", 5.0, {"nut": (0.1, 0.0, 0.0)}, center=(0.1, 0.0, 0.0)),
     ]
     held = (1, 2, 3, 4, 5)
-    stand = {"stiffness": (soft, 0.0, 0.0, 0.0, 0.0, 0.0), "held": held} if soft else {"held": ALL}
+    stand = (
+        partial(joint_between, stiffness=(soft, 0.0, 0.0, 0.0, 0.0, 0.0), held=held) if soft else partial(joint_between, held=ALL)
+    )
     joints = [
-        joint_between("stand_1", "end_1.near", "ground", **stand),
-        joint_between("stand_2", "end_2.far", "ground", **stand),
+        stand("stand_1", "end_1.near", "ground"),
+        stand("stand_2", "end_2.far", "ground"),
         joint_between("guide", "slide.nut", "ground", held=held),
         dataclasses.replace(joint_between("screw", "slide.nut", "end_1.near", stiffness=(NUT, 0, 0, 0, 0, 0)), screw=shaft),
     ]

@@ -1,5 +1,7 @@
 """Names of modes say what bends, what moves and on what."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -87,7 +89,7 @@ def ring_points(radius: float, height: float, count: int = 600) -> tuple[FloatAr
     return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights]), angles, radii
 
 
-TUBE_FIELDS = {
+TUBE_FIELDS: dict[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]] = {
     "breathe": lambda a, z: (np.ones_like(a), 0.0 * a, -0.3 * z),
     "twist C": lambda a, z: (0.0 * a, z, 0.0 * a),
     "stretch Z": lambda a, z: (0.05 * np.ones_like(a), 0.0 * a, z),

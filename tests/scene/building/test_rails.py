@@ -119,7 +119,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
     shaft = machine.joints["screw"].screw
     assert shaft is not None
     area, polar = math.pi * 0.02**2 / 4.0, math.pi * 0.02**4 / 32.0
-    assert (shaft.axial, shaft.torsional) == (pytest.approx(210e9 * area), pytest.approx(210e9 / 2.6 * polar))
+    assert (shaft.axial, shaft.torsional) == pytest.approx((210e9 * area, 210e9 / 2.6 * polar))
     assert machine.joints["screw_shaft"].stiffness[0, 0] == pytest.approx(1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area)))
     rigid = (
         'material = "steel"\n[components.bed.interfaces]',

@@ -8,9 +8,10 @@ import pytest
 
 from headstock.scene.reading.files import MAX_BYTES, read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.reading.keys import TomlTable
 
 
-def read(path: Path) -> dict[str, object]:
+def read(path: Path) -> TomlTable:
     return read_scene(path, Findings(str(path)))
 
 

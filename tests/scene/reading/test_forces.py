@@ -9,12 +9,12 @@ from headstock.scene.reading.forces import ForceFileError, ForceRecord, read_for
 
 def write(folder: Path, times: FloatArray, forces: FloatArray) -> Path:
     path = folder / "forces.csv"
-    rows = "\n".join(",".join(f"{value!r}" for value in map(float, (t, *f))) for t, f in zip(times, forces, strict=True))
+    rows = "\n".join(",".join(f"{value!r}" for value in map(float, row)) for row in np.column_stack([times, forces]))
     path.write_text(f"time [s],fx,fy,fz\n{rows}\n")
     return path
 
 
-TIMES = np.arange(0.0, 0.1, 1e-3)
+TIMES = np.arange(0.0, 0.1, 1e-3, dtype=np.float64)
 FORCES = np.stack([np.sin(40.0 * TIMES), TIMES, np.ones_like(TIMES)], axis=-1)
 
 
@@ -25,15 +25,15 @@ def test_a_sound_record_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 def test_what_is_linear_between_samples_is_resampled_exactly() -> None:
     record = ForceRecord(TIMES, FORCES)
-    times = np.arange(0.001, 0.098, 3e-4)
+    times = np.arange(0.001, 0.098, 3e-4, dtype=np.float64)
     assert np.allclose(resample_forces(record, times)[:, 1], times, atol=1e-15)
     assert np.allclose(resample_forces(record, times)[:, 2], 1.0, atol=1e-12)
 
 
 def test_impulse_is_kept_and_fast_oscillations_do_not_fold_back() -> None:
-    fine = np.arange(0.0, 1.0, 1e-5)
+    fine = np.arange(0.0, 1.0, 1e-5, dtype=np.float64)
     record = ForceRecord(fine, np.stack([np.sin(2.0 * np.pi * 9990.0 * fine)] * 3, axis=-1) + 5.0)
-    times = np.arange(5e-4, 0.999, 1e-3)
+    times = np.arange(5e-4, 0.999, 1e-3, dtype=np.float64)
     found = resample_forces(record, times)[:, 0]
     # sampled at 1 kHz the oscillation would look like a slow one of full size
     assert np.ptp(np.interp(times, fine, record.forces[:, 0])) > 1.0
@@ -73,7 +73,7 @@ def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
 
 
 def test_what_is_faster_than_the_steps_is_told() -> None:
-    fine, steps = np.arange(0.0, 1.0, 1e-5), np.arange(0.01, 0.99, 1e-3)
+    fine, steps = np.arange(0.0, 1.0, 1e-5, dtype=np.float64), np.arange(0.01, 0.99, 1e-3, dtype=np.float64)
     slow = np.stack([np.sin(40.0 * fine), np.zeros_like(fine), np.cos(30.0 * fine)], axis=-1)
     fast = np.stack([np.zeros_like(fine), np.sin(2.0 * np.pi * 3300.0 * fine), np.zeros_like(fine)], axis=-1)
     assert resampling_loss(ForceRecord(fine, slow), steps) < 1e-3

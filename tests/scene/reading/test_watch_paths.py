@@ -31,7 +31,7 @@ SUMMARY = {
         ),
     ],
 )
-def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(path: str, found: dict) -> None:
+def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(path: str, found: dict[str, float | str]) -> None:
     assert read_watch(parse_watch(path), SUMMARY) == found
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -26,10 +27,7 @@ from headstock.validation.machines.drive_cases import (
 
 MASSES = TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
-
-
-def change(**changes: float | str) -> AxisControl:
-    return dataclasses.replace(CONTROL, **changes)
+change = partial(dataclasses.replace, CONTROL)
 
 
 def upper(poles: ComplexArray) -> ComplexArray:

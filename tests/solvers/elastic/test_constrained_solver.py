@@ -51,7 +51,7 @@ def test_answers_are_those_of_a_dense_saddle_point_system(operators: ElasticOper
     if held_kind == "a plane in z":
         held[2::3] = face
     elif held_kind == "a face":
-        held = np.repeat(face, 3)
+        held[:] = np.repeat(face, 3)
     constraints = means(operators)[:, 6:]
     loads, targets = RNG.standard_normal((len(held), 3)) * 1e9, RNG.standard_normal((6, 3))
     with ConstrainedSolver(operators, held, constraints) as solver:

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import Component, Material, MeshSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
@@ -22,19 +22,19 @@ def operators() -> ElasticOperators:
     return assemble_elasticity(mesh_component(component), STEEL, comm=MPI.COMM_SELF, with_mass=False)
 
 
-def some_held(operators: ElasticOperators) -> FloatArray:
+def some_held(operators: ElasticOperators) -> BoolArray:
     """A clamped face, and single directions elsewhere, so that nodes are held in part."""
     held = np.repeat(operators.points[:, 2] < 1e-9, 3)
     held[7::31] = True
     return held
 
 
-def residual(operators: ElasticOperators, held: FloatArray, loads: FloatArray, found: FloatArray) -> float:
+def residual(operators: ElasticOperators, held: BoolArray, loads: FloatArray, found: FloatArray) -> float:
     forces = operators.apply_stiffness(found)
     return float(np.abs((forces - loads)[~held]).max() / np.abs(loads).max())
 
 
-def solve(operators: ElasticOperators, held: FloatArray) -> tuple[FloatArray, FloatArray, str]:
+def solve(operators: ElasticOperators, held: BoolArray) -> tuple[FloatArray, FloatArray, str]:
     loads = np.random.default_rng(3).standard_normal((operators.owned_dofs, 5))
     with Factorization(operators, held) as factors:
         assert factors._factor is not None

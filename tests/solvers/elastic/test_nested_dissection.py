@@ -1,12 +1,13 @@
 """Orders by METIS."""
 
+import ctypes
+
 import numpy as np
 import pytest
 import scipy.sparse
 
-from headstock.geometry.frames import FloatArray
-from headstock.solvers.elastic import factorization
-from headstock.solvers.elastic.factorization import dissect_nodes
+from headstock.meshing.component_mesh import IntArray
+from headstock.solvers.elastic.factorization import IntArray32, dissect_nodes
 
 
 def grid(side: int) -> scipy.sparse.csr_matrix:
@@ -16,7 +17,7 @@ def grid(side: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix(planes + scipy.sparse.kron(scipy.sparse.kron(eye, eye), line))
 
 
-def fill(pattern: scipy.sparse.csr_matrix, order: FloatArray) -> int:
+def fill(pattern: scipy.sparse.csr_matrix, order: IntArray32 | IntArray) -> int:
     """Entries of the Cholesky factor of a pattern under an order."""
     dense = pattern[order][:, order].toarray() != 0.0
     for row in range(len(dense)):
@@ -30,7 +31,7 @@ def test_an_order_holds_every_node_once_and_halves_the_fill_of_a_grid() -> None:
     order = dissect_nodes(pattern)
     assert order is not None
     assert np.array_equal(np.sort(order), np.arange(512))
-    assert fill(pattern, order) < 0.6 * fill(pattern, np.arange(512))
+    assert fill(pattern, order) < 0.6 * float(fill(pattern, np.arange(512, dtype=np.int64)))
 
 
 def test_nodes_without_neighbours_are_ordered_too() -> None:
@@ -43,5 +44,5 @@ def test_without_metis_there_is_no_order(monkeypatch: pytest.MonkeyPatch) -> Non
     def refuse(name: str) -> None:
         raise OSError(name)
 
-    monkeypatch.setattr(factorization.ctypes, "CDLL", refuse)
+    monkeypatch.setattr(ctypes, "CDLL", refuse)
     assert dissect_nodes(grid(3)) is None

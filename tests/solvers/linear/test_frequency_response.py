@@ -21,7 +21,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
 PORTS = (("a", "x"), ("b", "x"))
 
@@ -39,7 +39,7 @@ def make_system(
 
 def make_oscillator(*, zeta: float = 0.0, eta: float = 0.0, hz: float = 80.0, mass: float = 3.0) -> SecondOrderSystem:
     square = (2.0 * np.pi * hz) ** 2
-    port = {("a", "x"): np.ones(1)}
+    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     damping = np.full((1, 1), 2.0 * zeta * mass * np.sqrt(square)) if zeta else None
     loss = np.full((1, 1), eta * mass * square) if eta else None
     return SecondOrderSystem(np.eye(1) * mass, damping, np.eye(1) * mass * square, port, port, ("q",), loss)
@@ -127,7 +127,7 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
 def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
     system = make_system(60, seed=4)
     damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
-    assert solve_frf(dataclasses.replace(system, damping=damping), [10.0], inputs=PORTS, outputs=PORTS).method == "poles"
+    assert solve_frf(dataclasses.replace(system, damping=damping), np.array([10.0]), inputs=PORTS, outputs=PORTS).method == "poles"
 
 
 def test_peaks_of_few_dampers_lie_within_a_fifth_of_their_width_of_the_poles() -> None:
@@ -216,7 +216,7 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
 
 
 def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
-    port = {("a", "x"): np.ones(1)}
+    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     system = SecondOrderSystem(np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), port, port, ("q",))
     found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(port), outputs=list(port))
     omega = 4.0 * np.pi
@@ -228,7 +228,8 @@ def test_mobility_and_accelerance_are_derivatives() -> None:
     frequencies = np.array([10.0, 300.0])
     found = solve_frf(make_oscillator(zeta=0.02), frequencies, inputs=[("a", "x")], outputs=[("a", "x")])
     rate = 2j * np.pi * frequencies
-    for motion, power in (("receptance", 0), ("mobility", 1), ("accelerance", 2)):
+    powers: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+    for motion, power in powers.items():
         values = convert_receptance(found.receptance, frequencies, motion)
         np.testing.assert_allclose(values[:, 0, 0], found.receptance[:, 0, 0] * rate**power, rtol=1e-14)
 

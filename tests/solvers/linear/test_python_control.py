@@ -1,16 +1,18 @@
 """Loops closed by python-control around the same machine: an independent method, where pip could install it (``environment/tests.txt``)."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops, open_plant
-from headstock.solvers.control.drive_trains import free_motors
+from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.state_space import to_control
+from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 control = pytest.importorskip("control")
@@ -18,7 +20,7 @@ control = pytest.importorskip("control")
 GAINS = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, current_lag=3e-4)
 
 
-def plant_and_controller():
+def plant_and_controller() -> tuple[SecondOrderSystem, DriveTrain, Any, Any]:
     """Force to motor position by python-control, and the controller as transfer functions."""
     system, train = make_drive(TwoMasses(), GAINS)
     plant = to_control(open_plant(system, [train], outputs=[LOAD]))
@@ -64,7 +66,7 @@ def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_
     )
     trains = [
         dataclasses.replace(train, name=name, axis=name, stretch=row, slide=row, scale=row, stator=np.zeros(2), damping=0.0)
-        for name, row in zip("XY", np.eye(2), strict=True)
+        for name, row in (("X", np.array([1.0, 0.0])), ("Y", np.array([0.0, 1.0])))
     ]
     free = free_motors(held, trains)
     plant = to_control(open_plant(free, trains))

@@ -33,16 +33,17 @@ def test_matlab_reads_the_same_matrices_and_names() -> None:
 
 
 def test_python_control_gets_matrices_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = {}
+    matrices, names = [], []
 
-    def state_space(*matrices: FloatArray, **names: list[str]) -> None:
-        kept["matrices"], kept["names"] = matrices, names
+    def state_space(*given: FloatArray, inputs: list[str], **others: list[str]) -> None:
+        matrices.append(given)
+        names.append(inputs)
 
     monkeypatch.setitem(sys.modules, "control", types.SimpleNamespace(StateSpace=state_space))
     space = beam_space(0.02)
     to_control(space)
-    assert kept["matrices"] == (space.a, space.b, space.c, space.d)
-    assert kept["names"]["inputs"] == ["tip x"]
+    assert matrices == [(space.a, space.b, space.c, space.d)]
+    assert names == [["tip x"]]
 
 
 def test_without_python_control_it_is_said_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

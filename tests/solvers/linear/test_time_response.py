@@ -88,7 +88,7 @@ def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
 
 
 def test_a_free_mass_falls_as_galileo_says() -> None:
-    port = {("a", "x"): np.ones(1)}
+    port: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     space = to_state_space(
         SecondOrderSystem(np.eye(1) * 2.0, None, np.zeros((1, 1)), port, port, ("q",)), inputs=list(port), outputs=list(port)
     )

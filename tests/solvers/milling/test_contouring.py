@@ -44,7 +44,7 @@ def path_drive() -> tuple[SmoothPath, PathDrive]:
 
 
 def moving(count: int, damping: float) -> tuple[LinearMotion, FloatArray]:
-    times = STEP * np.arange(count)
+    times: FloatArray = STEP * np.arange(count, dtype=np.float64)
     motion = linear_motion(machine().model, path_drive()[1], times, np.array([damping]))
     force = 300.0 * np.stack([np.sin(400.0 * times), np.cos(300.0 * times) - 1.0, np.sin(5400.0 * times)], axis=-1)
     return motion, force
@@ -136,7 +136,7 @@ def test_a_path_out_of_reach_is_refused_at_its_time() -> None:
 
 
 def test_noisy_lengths_become_a_law_with_calm_accelerations() -> None:
-    times, rng = np.arange(0.0, 1.0, 1e-3), np.random.default_rng(1)
+    times, rng = np.arange(0.0, 1.0, 1e-3, dtype=np.float64), np.random.default_rng(1)
     clean = 1.0 + 0.05 * np.sin(2.0 * np.pi * times)
     noisy = clean + 1e-6 * rng.normal(size=len(times))
     law = smooth_samples(times, noisy, 0.05)

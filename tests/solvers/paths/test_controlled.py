@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common import present
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.friction_loop import friction_ports
@@ -19,7 +20,7 @@ from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_driv
 MASSES = TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
 MOVE = plan_move(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
-SAMPLES = 4e-4 * np.arange(3500)
+SAMPLES: FloatArray = 4e-4 * np.arange(3500.0, dtype=np.float64)
 
 
 def path_with(control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None) -> ControlledPath:

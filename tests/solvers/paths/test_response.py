@@ -20,12 +20,13 @@ def oscillator(zeta: float = ZETA, soft_hz: float | None = None) -> SecondOrderS
     stiffness = MASS * OMEGA**2
     if soft_hz is None:
         damping = np.array([[2.0 * zeta * MASS * OMEGA]]) if zeta else None
-        row = np.ones(1)
+        row: FloatArray = np.ones(1)
         return SecondOrderSystem(np.array([[MASS]]), damping, np.array([[stiffness]]), {SOURCE: -MASS * row}, {TIP: row}, ("tip",))
     base = 600.0
     mount = (base + MASS) * (2.0 * np.pi * soft_hz) ** 2
     matrix = np.array([[stiffness, -stiffness], [-stiffness, stiffness + mount]])
-    load, row = np.array([-MASS, 0.0]), np.array([1.0, -1.0])
+    load: FloatArray = np.array([-MASS, 0.0])
+    row = np.array([1.0, -1.0])
     return SecondOrderSystem(np.diag([MASS, base]), None, matrix, {SOURCE: load}, {TIP: row}, ("tip", "base"))
 
 

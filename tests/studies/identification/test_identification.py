@@ -36,7 +36,7 @@ frequencies = {stiff}
 
 def make_targets(folder: Path) -> str:
     """Targets that the true values meet exactly."""
-    any_hz = write_frequencies(np.arange(10.0, 16.0))
+    any_hz = write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
     problem = prepare_text(folder, CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + write_parameters(TRUTH))
     written, stiff = solve_truth(problem, TRUTH).states
     return CASES.format(
@@ -46,8 +46,8 @@ def make_targets(folder: Path) -> str:
     )
 
 
-def with_settings(problem: FitProblem, **settings: object) -> FitProblem:
-    return dataclasses.replace(problem, settings=dataclasses.replace(problem.settings, **settings))
+def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") -> FitProblem:
+    return dataclasses.replace(problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing))
 
 
 def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_a_prior_counts_as_one_more_measurement() -> None:
 
 
 def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
-    found = assess(["a", "b"], np.ones((6, 2)) / 0.01, np.zeros(6), NO_PRIOR, WIDE, from_residuals=False)
+    found = assess(["a", "b"], np.full((6, 2), 100.0), np.zeros(6), NO_PRIOR, WIDE, from_residuals=False)
     (blind,) = found.blind
     assert dict(blind.entries) == pytest.approx({"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}) or dict(blind.entries) == pytest.approx(
         {"b": np.sqrt(0.5), "a": -np.sqrt(0.5)}
@@ -49,7 +49,7 @@ def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
 
 
 def test_priors_make_a_blind_direction_finite_and_leave_it_blind() -> None:
-    found = assess(["a", "b"], np.ones((6, 2)) / 0.01, np.zeros(6), np.full(2, 0.3), WIDE, from_residuals=False)
+    found = assess(["a", "b"], np.full((6, 2), 100.0), np.zeros(6), np.full(2, 0.3), WIDE, from_residuals=False)
     assert found.sigmas == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-3)
     assert found.correlations[0, 1] == pytest.approx(-1.0, abs=1e-3)
     assert len(found.blind) == 1

@@ -108,7 +108,8 @@ def test_a_submission_is_found_again_for_the_same_sweep_only(tmp_path: Path) -> 
 
 def wait(monkeypatch: pytest.MonkeyPatch, *answers: "dict[int, str] | SlurmError") -> tuple[dict[int, TaskState], list[str]]:
     """Wait while squeue gives these answers, one after the other."""
-    left, told = list(answers), []
+    left = list(answers)
+    told: list[str] = []
 
     def answer(_: str) -> dict[int, TaskState]:
         found = left.pop(0)

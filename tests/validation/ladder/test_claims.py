@@ -19,14 +19,14 @@ from headstock.validation.ladder.claims import (
     claim_smaller,
     claim_softer,
 )
-from headstock.validation.ladder.points import LadderPoint, Rungs, ndof_within, pick_rungs
-from headstock.validation.ladder.references import ladder_beam
+from headstock.validation.ladder.points import LadderKind, LadderPoint, Rungs, ndof_within, pick_rungs
+from headstock.validation.ladder.references import Group, ladder_beam
 
 BEAM = ladder_beam("kono-cantilever")
 TWIST, SHEAR = "dx(Mc)", "dy(Fy)"
 
 
-def rungs(kind: str, quantity: str, deviations: dict[int, float], group: str = "static") -> Rungs:
+def rungs(kind: LadderKind, quantity: str, deviations: dict[int, float], group: Group = "static") -> Rungs:
     """A ladder of one quantity with given deviations from the analytic value by nDOF."""
     right = BEAM.references[quantity].analytic
     points = [

@@ -4,6 +4,7 @@ import pytest
 from headstock.geometry.frames import FloatArray
 from headstock.validation.ladder.theory_shapes import PairedMode, find_theory_shapes, read_shape, section_motions
 from headstock.validation.references.bending import euler_bernoulli_shape
+from headstock.validation.references.prismatic_beams import EndConditions
 from headstock.validation.references.torsion import wave_numbers
 
 SIDES = (0.04, 0.1, 0.5)
@@ -18,9 +19,9 @@ def beam_points(sections: int) -> FloatArray:
     return np.array([[*corner, place] for place in places for corner in corners])
 
 
-def theory_field(name: str, points: FloatArray, ends: str) -> FloatArray:
+def theory_field(name: str, points: FloatArray, ends: EndConditions) -> FloatArray:
     """Displacement of points whose sections move as plane ones in a mode of theory."""
-    shape, along = read_shape(name, 2), points[:, 2] / SIDES[2]
+    shape, along = read_shape(name, 2), points[:, 2] * (1.0 / SIDES[2])
     field = np.zeros_like(points)
     if shape.kind == "torsion":
         turn = np.sin(wave_numbers(ends, shape.number)[-1] * along) / SIDES[2]
@@ -32,14 +33,14 @@ def theory_field(name: str, points: FloatArray, ends: str) -> FloatArray:
     return field
 
 
-def pair(points: FloatArray, fields: FloatArray, ends: str = "clamped-free") -> dict[str, PairedMode]:
+def pair(points: FloatArray, fields: FloatArray, ends: EndConditions = "clamped-free") -> dict[str, PairedMode]:
     sections = section_motions(points, fields, axis=2, span=(0.0, SIDES[2]), sides=SIDES)
     return find_theory_shapes(sections, SHAPES, ends)
 
 
 @pytest.mark.parametrize("ends", ["clamped-free", "clamped-clamped"])
 @pytest.mark.parametrize("sections", [4, 13, 90])
-def test_modes_in_any_order_are_named_by_their_shapes(ends: str, sections: int) -> None:
+def test_modes_in_any_order_are_named_by_their_shapes(ends: EndConditions, sections: int) -> None:
     points = beam_points(sections)
     order = np.random.default_rng(3).permutation(len(NAMES))
     fields = np.array([(-1.0) ** k * (1.0 + k) * theory_field(NAMES[number], points, ends) for k, number in enumerate(order)])

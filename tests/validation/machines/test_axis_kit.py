@@ -17,13 +17,10 @@ from headstock.validation.machines.axis_kit_cases import (
     show_shapes,
 )
 from headstock.validation.machines.axis_kit_models import (
-    DRIVEN_MASSES,
     MEASURED_MODES,
     SCENE,
-    SCREW_LEADS,
     TABLE_3,
     TABLE_3_FEM,
-    TRAVEL,
     KitModel,
     KitWorkshop,
 )
@@ -43,12 +40,12 @@ def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
     scene = load_scene(SCENE, variant="calibrated+R+controlled")
     machine = scene.machine
     driven = {"X": ("x_slider",), "Y": ("y_slider", "z_slider"), "Z": ("z_slider",)}
-    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx(SCREW_LEADS)
+    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx({"X": 0.010, "Y": 0.010, "Z": 0.005})
     assert {name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()} == pytest.approx(
-        dict.fromkeys("XYZ", TRAVEL)
+        dict.fromkeys("XYZ", 0.2)
     )
     masses = {name: sum(machine.components[body].mass or 0.0 for body in bodies) for name, bodies in driven.items()}
-    assert masses == pytest.approx(DRIVEN_MASSES)
+    assert masses == pytest.approx({"X": 35.0, "Y": 47.0, "Z": 4.0})
 
 
 def test_the_22_frequencies_of_table_3_come_out_within_3_percent(segmented: dict[str, KitModel]) -> None:

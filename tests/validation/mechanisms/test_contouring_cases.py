@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 
-from headstock.validation.mechanisms.contouring_cases import run_start
+from headstock.pipeline.stages.contouring import ContourRun, run_contour
+from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 
+def run_start(material: str, until: float) -> ContourRun:
+    tripteor = load_tripteor()
+    return run_contour(tripteor.scene, tripteor.model, contour_request(material), until=until)
+
+
 def test_the_tool_is_pushed_off_face_1_by_about_ten_micrometres_and_hardly_ripples() -> None:
-    run = run_start(load_tripteor(), "al7075-t6", 1.0)
+    run = run_start("al7075-t6", 1.0)
     cutting = run.times > run.marks[0] + 0.4
     gap = 1e6 * run.gap[cutting, 0]
     assert 5.0 < -gap.mean() < 20.0
@@ -22,7 +28,7 @@ def test_the_tool_is_pushed_off_face_1_by_about_ten_micrometres_and_hardly_rippl
 
 
 def test_before_the_cut_only_inertia_moves_the_tool_and_against_the_start() -> None:
-    run = run_start(load_tripteor(), "al6061-t6", 0.02)
+    run = run_start("al6061-t6", 0.02)
     assert not run.force.any()
     assert np.abs(run.gap[0]).max() < 1e-12
     assert run.gap[-1, 1] < -1e-5 and np.abs(run.gap[-1, [0, 2]]).max() < 0.2 * np.abs(run.gap[-1, 1])

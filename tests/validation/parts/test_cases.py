@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.components import Material
 from headstock.validation.case_registry import run_validation
-from headstock.validation.parts import modal_benchmarks, order_cases
-from headstock.validation.parts.closed_form_cases import column, mesh_settings
+from headstock.validation.parts import modal_benchmarks
+from headstock.validation.parts.closed_form_cases import BLOCK, ROD, SprungBlock, column, mesh_settings
 from headstock.validation.parts.modal_benchmarks import check_block
 from headstock.validation.parts.order_cases import cube_error, rod_frequencies
 from headstock.validation.references.rows import rows_as_json
@@ -49,8 +49,7 @@ def test_a_wrong_stiffness_fails_the_case(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_wrong_spring_fails_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    block = modal_benchmarks.BLOCK
-    stiffer = type(block)(block.size, block.mass, (1.2e4, 1.2e4, 1.8e4 * (1.0 + 1e-6)))
+    stiffer = SprungBlock(BLOCK.size, BLOCK.mass, (1.2e4, 1.2e4, 1.8e4 * (1.0 + 1e-6)))
     monkeypatch.setattr(modal_benchmarks, "BLOCK", stiffer)
     assert any(not row.passed for row in check_block(MPI.COMM_SELF))
 
@@ -65,4 +64,4 @@ def test_a_rod_that_is_free_sideways_has_the_axial_frequencies_of_one_that_is_he
     free = rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="free")
     held = rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="held")
     np.testing.assert_allclose(free, held, rtol=1e-8)
-    assert order_cases.ROD.material.poisson_ratio == 0.0
+    assert ROD.material.poisson_ratio == 0.0
