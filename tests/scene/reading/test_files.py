@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.scene.reading.files import MAX_BYTES, read_scene, resolve_file
+from headstock.scene.reading.files import MAX_BYTES, TomlTable, read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
-from headstock.scene.reading.keys import TomlTable
 
 
 def read(path: Path) -> TomlTable:

@@ -7,7 +7,6 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 
-COMPLEX_STEP = 1e-30
 STEP = 1e-3
 STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 
