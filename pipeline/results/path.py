@@ -12,7 +12,6 @@ from headstock.pipeline.results.frf import split_port
 from headstock.solvers.paths.response import PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Port, name_port
 
-ZONES = ("accelerating", "decelerating")
 _PARTS = ("total", "quasi_static", "sway", "dynamic")
 type ZoneSummary = dict[
     str, float | None
