@@ -18,6 +18,7 @@ from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
+from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily
 from headstock.studies.comparison import ComparisonSummary, LinkSummary
 from headstock.studies.parameters.records import StudyRecord
@@ -51,7 +52,10 @@ def make_table(counts: int, youngs: tuple[str | float, ...], watched: int = 2) -
             family="",
             varied={YOUNG: young, COUNT: count},
             status="done",
-            summary={"modal": [{"pose_name": "p", "frequencies_hz": [100.0 * number + count + index for index in range(watched)]}]},
+            summary=sketch(
+                RunSummary,
+                {"modal": [{"pose_name": "p", "frequencies_hz": [100.0 * number + count + index for index in range(watched)]}]},
+            ),
         )
         for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1))
     ]

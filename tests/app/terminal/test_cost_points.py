@@ -1,12 +1,14 @@
 """Errors of a study's points against its truth, and which of them are worth their cost."""
 
 import math
-from typing import Any
 
 import pytest
 
+from common import sketch
 from headstock.app.charts.study import draw_costs
 from headstock.app.terminal.study import cost_table, digit_words, list_costs
+from headstock.pipeline.results.summary import RunSummary
+from headstock.scene.reading.files import TomlValue
 from headstock.scene.studies import TRUTH, Study, StudyFamily
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, pareto_front, weigh_costs
 from headstock.studies.parameters.records import StudyRecord
@@ -21,7 +23,7 @@ FAMILIES = (
 )
 
 
-def make_record(family: str, varied: dict[str, Any], hz: float | None, seconds: float, **more: Any) -> StudyRecord:
+def make_record(family: str, varied: dict[str, TomlValue], hz: float | None, seconds: float, **more: object) -> StudyRecord:
     modes = [] if hz is None else [hz, 200.0]
     summary = {
         "modal": [{"pose_name": "reference", "frequencies_hz": modes}],
@@ -33,7 +35,9 @@ def make_record(family: str, varied: dict[str, Any], hz: float | None, seconds: 
     }
     times = (seconds, 1.5 * seconds, 0.5 * seconds)
     peak_mb = () if family == "automatic" else (50.0, 70.0)
-    return StudyRecord("", family, varied, "done", summary=summary, seconds=times, cpu_seconds=times, peak_mb=peak_mb)
+    return StudyRecord(
+        "", family, varied, "done", summary=sketch(RunSummary, summary), seconds=times, cpu_seconds=times, peak_mb=peak_mb
+    )
 
 
 @pytest.fixture

@@ -57,7 +57,8 @@ def write_serendipity(path: Path, lattice: FloatArray) -> None:
     lines += [f'2 {number} "{name}"' for number, name in enumerate(sides, start=1)] + ['3 7 "body"', "$EndPhysicalNames"]
     lines += ["$Nodes", str(len(used))]
     lines += [
-        f"{n} " + " ".join(repr(float(value)) for value in point) for n, point in enumerate(lattice.reshape(-1, 3)[used], start=1)
+        f"{n} " + " ".join(repr(float(value)) for value in np.ravel(point))
+        for n, point in enumerate(lattice.reshape(-1, 3)[used], start=1)
     ]
     elements = [
         f"16 2 {number} {number} " + " ".join(str(place[int(node)]) for node in facet[:8])
