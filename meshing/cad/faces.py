@@ -1,7 +1,6 @@
 """Lists and triangulates the faces of a CAD shape (runs in the child process)."""
 
 import dataclasses
-from typing import Any
 
 import gmsh
 import numpy as np
@@ -38,11 +37,11 @@ def survey_shape(job: MeshJob) -> MeshData:
         row[tags] = np.arange(len(tags))
         points = coordinates.reshape(-1, 3)
         facets: dict[str, IntArray] = {}
-        faces: list[dict[str, Any]] = []
+        faces: list[CadFace] = []
         for number, tag in enumerate(boundary_faces(volume), 1):
             _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1], tag)
             facets[f"face:{number}"] = row[nodes].reshape(-1, 3)
-            faces.append(dataclasses.asdict(_describe_face(number, tag, points, facets[f"face:{number}"])))
+            faces.append(_describe_face(number, tag, points, facets[f"face:{number}"]))
         return MeshData(points, np.zeros((0, 4), dtype=np.int64), None, facets, faces=faces)
 
 

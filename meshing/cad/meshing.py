@@ -11,7 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
@@ -32,7 +32,7 @@ from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import PLACES, facet_places
 from headstock.meshing.errors import MeshError
-from headstock.meshing.process.job import MeshData, MeshJob, read_patch
+from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     DEFAULT_FILE_CELLS,
@@ -49,7 +49,6 @@ from headstock.meshing.sizing import (
     estimate_tets,
 )
 
-SOLIDS: dict[str, type[Shape]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile)}
 HXT, DELAUNAY = 10, 1
 ROUND_KINDS = ("Cylinder", "Cone", "Sphere", "Torus")
 FREE_FACETS = 4000  # their nearest points take 0.7 ms each
@@ -85,8 +84,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
             volume, removed = _remove_narrow_features(job, solid, volume, size)
         if isinstance(solid, StepFile):
             refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
-        groups = {name: [read_patch(patch) for patch in patches] for name, patches in job.groups.items()}
-        imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), groups)
+        imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), job.groups)
         faces = imprints.faces
         properties = _measure(volume, faces)
         rims = _find_rims(job, imprints)
@@ -129,9 +127,10 @@ def open_kernel() -> Iterator[None]:
 
 
 def read_solid(job: MeshJob) -> Shape:
-    """The solid of a job."""
-    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in job.solid.items()}
-    return SOLIDS[fields.pop("kind")](**fields)
+    """The solid of a job that has a CAD shape."""
+    if isinstance(job.solid, MeshFile):
+        raise MeshError("a mesh file has no CAD shape")
+    return job.solid
 
 
 def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
@@ -182,7 +181,7 @@ def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
 
 def _remove_narrow_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> tuple[int, list[str]]:
     faces = boundary_faces(volume)
-    patches = [patch["face"] for patches in job.groups.values() for patch in patches]
+    patches = [patch.face for patches in job.groups.values() for patch in patches]
     named = [int(face.removeprefix("face:")) for face in patches if face.startswith("face:")]
     width = NARROW_SHARE * _smallest(job, size)
     left, remarks = remove_narrow_features(volume, faces, width=width, named=named, unit=job.unit)
@@ -229,9 +228,9 @@ def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | Non
 
 def _name_dense_patch(job: MeshJob, count: int) -> str:
     widths = {
-        name: min(size for patch in patches for size in patch["size"])
+        name: min(size for patch in patches for size in patch.size)
         for name, patches in job.groups.items()
-        if any(patch["size"] for patch in patches)
+        if any(patch.size for patch in patches)
     }
     name = min(widths, key=lambda each: widths[each])
     return f"{name}: {dense_patch_message(count, widths[name] * job.unit, job.across_patches)}"
@@ -265,7 +264,7 @@ def _mesh_faces(job: MeshJob, volume: int, size: float, fields: list[int], numbe
     faces = boundary_faces(volume)
     gmsh.model.mesh.generate(1)
     remarks = []
-    if job.solid["kind"] == StepFile.__name__ and job.growth is None:
+    if isinstance(job.solid, StepFile) and job.growth is None:
         edges, smallest = measure_edges(faces, size), _smallest(job, size)
         if edges.crowded or graded:
             _use_fields(fields + add_growth_fields(edges, size=size, smallest=smallest))
@@ -290,7 +289,7 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
     if count <= CELL_BUDGET:
         return
     message = budget_message(count, size * job.unit)
-    if job.solid["kind"] != StepFile.__name__:
+    if not isinstance(job.solid, StepFile):
         raise MeshError(message)
     smallest = _smallest(job, size) * job.unit
     raise MeshError(

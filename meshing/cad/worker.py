@@ -1,8 +1,8 @@
 """The child process that runs gmsh: ``python -m headstock.meshing.cad.worker``."""
 
 import sys
-from pathlib import Path
 
+from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.cad.faces import survey_shape
 from headstock.meshing.cad.meshing import mesh_shape
 from headstock.meshing.files.cells import guard_reader
@@ -13,8 +13,8 @@ from headstock.meshing.process.worker import serve_job
 
 def perform_job(job: MeshJob) -> MeshData:
     """Mesh, describe or survey a CAD shape, or read a gmsh mesh."""
-    if job.task == "file":
-        return guard_reader(Path(job.solid["path"]), read_gmsh_mesh)
+    if isinstance(job.solid, MeshFile):
+        return guard_reader(job.solid.path, read_gmsh_mesh)
     if job.task == "faces":
         return survey_shape(job)
     return mesh_shape(job)

@@ -1,8 +1,7 @@
 """What a STEP file holds: its faces with their triangles, its size and the unit it was written in."""
 
-from collections.abc import Mapping
+import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -51,19 +50,27 @@ def survey_step(solid: StepFile, *, time_limit: float = TIME_LIMIT) -> CadSurvey
     """
     if not solid.path.is_file():
         raise MeshError(f"{solid.path} is no regular file" if solid.path.exists() else f"there is no file {solid.path}")
-    job = MeshJob("faces", {"kind": "StepFile", "path": str(solid.path), "solid": solid.solid}, unit=STEP_UNIT)
+    job = MeshJob("faces", solid, unit=STEP_UNIT)
     data = run_job(job, what=solid.path.name, time_limit=time_limit)
-    faces = tuple(_read_face(fields) for fields in data.faces)
+    faces = tuple(_in_metres(face) for face in data.faces)
     groups = [data.facets[f"face:{face.number}"] for face in faces]
     owners = np.repeat([face.number for face in faces], [len(group) for group in groups])
     return CadSurvey(faces, data.points * STEP_UNIT, np.concatenate(groups), owners, read_length_unit(solid.path))
 
 
-def _read_face(fields: Mapping[str, Any]) -> CadFace:
-    """A face in metres from the fields of one in millimetres."""
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
-    values["area"] *= STEP_UNIT**2
-    values["radius"] *= STEP_UNIT
-    for name in ("center", "low", "high", "axis_point", "span"):
-        values[name] = tuple(value * STEP_UNIT for value in values[name])
-    return CadFace(**values)
+def _in_metres(face: CadFace) -> CadFace:
+    """A face in metres from one in millimetres."""
+
+    def scale(place: Vector) -> Vector:
+        return place[0] * STEP_UNIT, place[1] * STEP_UNIT, place[2] * STEP_UNIT
+
+    return dataclasses.replace(
+        face,
+        area=face.area * STEP_UNIT**2,
+        radius=face.radius * STEP_UNIT,
+        center=scale(face.center),
+        low=scale(face.low),
+        high=scale(face.high),
+        axis_point=scale(face.axis_point),
+        span=(face.span[0] * STEP_UNIT, face.span[1] * STEP_UNIT),
+    )

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, me
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError
 from headstock.meshing.process.child import run_job
-from headstock.meshing.process.job import MeshData, MeshJob, describe_patch, format_job, scale_properties
+from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     UNCOUNTED,
@@ -283,12 +283,11 @@ def _shape_job(
     if isinstance(solid, MeshFile | SuperelementFile):
         raise MeshError(f"component {component.name!r}: a {type(solid).__name__} has no CAD shape")
     scale = STEP_UNIT if isinstance(solid, StepFile) else round_length(largest_extent(solid)) / JOB_EXTENT
-    fields = {"path": str(solid.path), "solid": solid.solid} if isinstance(solid, StepFile) else _scaled_fields(solid, scale)
     size = None if isinstance(solid, StepFile) and component.mesh.size is None else _wanted_size(component)
     return MeshJob(
         task,
-        {"kind": type(solid).__name__, **fields},
-        {name: [_rounded(describe_patch(patch, scale)) for patch in patches] for name, patches in groups.items()},
+        solid if isinstance(solid, StepFile) else _scaled_solid(solid, scale),
+        {name: [_scaled_patch(patch, scale) for patch in patches] for name, patches in groups.items()},
         unit=scale,
         size=None if size is None else round_length(size / scale),
         refinement=refinement,
@@ -308,19 +307,20 @@ def _wanted_size(component: Component) -> float:
     return element_size(component)
 
 
-def _scaled_fields(solid: ParametricSolid, scale: float) -> dict[str, Any]:
+def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:
+    """A solid with its lengths, alone or several in a field, in another unit; its counts of ribs stay."""
     fields = dataclasses.asdict(solid)
-    return {name: value if name.startswith("ribs_") else _scaled(value, scale) for name, value in fields.items()}
+    for name, value in fields.items():
+        if isinstance(value, tuple):
+            fields[name] = tuple(round_length(round_length(part) / scale) for part in value)
+        elif not name.startswith("ribs_"):
+            fields[name] = round_length(round_length(value) / scale)
+    return type(solid)(**fields)
 
 
-def _scaled(value: Any, scale: float) -> Any:
-    if isinstance(value, tuple | list):
-        return [_scaled(part, scale) for part in value]
-    return round_length(round_length(value) / scale)
-
-
-def _rounded(patch: dict[str, Any]) -> dict[str, Any]:
-    return patch | {key: [round_length(value) for value in patch[key]] for key in ("center", "size")}
+def _scaled_patch(patch: Patch, scale: float) -> Patch:
+    x, y, z = (round_length(value / scale) for value in patch.center)
+    return dataclasses.replace(patch, center=(x, y, z), size=tuple(round_length(value / scale) for value in patch.size))
 
 
 def _has_plane_faces_only(component: Component) -> bool:
@@ -365,7 +365,7 @@ def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME
     Raises:
         MeshError: It cannot be read.
     """
-    data = run_job(MeshJob("file", {"path": str(solid.path)}), what=what, time_limit=time_limit)
+    data = run_job(MeshJob("file", solid), what=what, time_limit=time_limit)
     return dataclasses.replace(data, points=data.points * solid.unit)
 
 

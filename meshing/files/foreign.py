@@ -6,6 +6,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 
+from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import NODE_COUNTS
 from headstock.meshing.errors import MeshError
@@ -77,7 +78,9 @@ def read_nastran_mesh(path: Path) -> MeshData:
 
 def perform_job(job: MeshJob) -> MeshData:
     """Read an Abaqus or Nastran mesh."""
-    path = Path(job.solid["path"])
+    if not isinstance(job.solid, MeshFile):
+        raise MeshError(f"a {type(job.solid).__name__} is no mesh file")
+    path = job.solid.path
     return guard_reader(path, read_abaqus_mesh if path.suffix.lower() == ".inp" else read_nastran_mesh)
 
 

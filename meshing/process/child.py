@@ -6,6 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
@@ -41,8 +42,8 @@ def run_job(job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = M
     # processor time, so that the same part meshes on a busy machine; it also ends a child that nobody waits for
     limits = ChildLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
     readable = []
-    if "path" in job.solid:
-        path = Path(job.solid["path"])
+    if isinstance(job.solid, StepFile | MeshFile):
+        path = job.solid.path
         readable.append(path)
         if not path.is_file():
             raise MeshError(f"{what}: {path} is no regular file" if path.exists() else f"{what}: there is no file {path}")

@@ -2,17 +2,26 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
+import os
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, Literal
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.cad_faces import CadFace
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray
+
+JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
+SOLIDS: dict[str, type[JobSolid]] = {kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile, MeshFile)}
+_DECODER = json.JSONDecoder(
+    object_hook=lambda fields: {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+)
 
 
 @dataclass(frozen=True)
@@ -23,7 +32,7 @@ class MeshJob:
         task: ``shape`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
             count cells), ``faces`` (list and triangulate its faces) or
             ``file`` (read a finished mesh).
-        solid: Class name and fields of the solid.
+        solid: What is meshed or read.
         groups: Patches of each patch group.
         unit: Length of the job's unit [m], for messages.
         size: Element size, None for the default rule (STEP files only).
@@ -38,8 +47,8 @@ class MeshJob:
     """
 
     task: Literal["shape", "describe", "estimate", "faces", "file"]
-    solid: dict[str, Any]
-    groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    solid: JobSolid
+    groups: dict[str, list[Patch]] = field(default_factory=dict)
     unit: float = 1.0
     size: float | None = None
     refinement: float = 1.0
@@ -68,7 +77,7 @@ class MeshData:
         nodes: Number of nodes that were expected, 0 where only cells were.
         owners: ``(n,)`` number of a face that each point lies on, as ``face:N`` counts them; 0 inside, empty where not known.
         remarks: What the user should know of how the shape was meshed.
-        faces: Fields of the ``CadFace`` of each face, lengths in the job's own unit.
+        faces: Of the CAD shape, where they were asked for.
         curved: Facets on curved faces; None where none was looked for.
     """
 
@@ -83,32 +92,24 @@ class MeshData:
     nodes: int = 0
     remarks: list[str] = field(default_factory=list)
     owners: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    faces: list[dict[str, Any]] = field(default_factory=list)
+    faces: list[CadFace] = field(default_factory=list)
     curved: CurvedFacets | None = None
-
-
-def describe_patch(patch: Patch, scale: float) -> dict[str, Any]:
-    """A patch as plain data with its lengths divided by ``scale``."""
-    data = dataclasses.asdict(patch)
-    data["center"] = [value / scale for value in patch.center]
-    data["size"] = [value / scale for value in patch.size]
-    return data
-
-
-def read_patch(data: Mapping[str, Any]) -> Patch:
-    """The inverse of ``describe_patch`` in the job's unit."""
-    x, y, z = data["center"]
-    return Patch(data["face"], data["shape"], (x, y, z), tuple(data["size"]), data["along"])
 
 
 def format_job(job: MeshJob) -> str:
     """A job as JSON."""
-    return json.dumps(dataclasses.asdict(job))
+    solid = {"kind": type(job.solid).__name__, **dataclasses.asdict(job.solid)}
+    return json.dumps(dataclasses.asdict(job) | {"solid": solid}, default=os.fspath)
 
 
 def parse_job(text: str) -> MeshJob:
     """A job from JSON."""
-    return MeshJob(**json.loads(text))
+    job = _DECODER.decode(text)
+    fields = job.pop("solid")
+    if "path" in fields:
+        fields["path"] = Path(fields["path"])
+    groups = {name: [Patch(**patch) for patch in patches] for name, patches in job.pop("groups").items()}
+    return MeshJob(solid=SOLIDS[fields.pop("kind")](**fields), groups=groups, **job)
 
 
 def write_data(file: BinaryIO, data: MeshData) -> None:
@@ -117,7 +118,8 @@ def write_data(file: BinaryIO, data: MeshData) -> None:
     arrays |= {f"facets_{i}": array for i, array in enumerate(data.facets.values())}
     arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
     meta: dict[str, Any] = {"kind": data.kind, "facets": list(data.facets), "node_sets": list(data.node_sets), "size": data.size}
-    meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks, "faces": data.faces}
+    meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks}
+    meta["faces"] = [dataclasses.asdict(face) for face in data.faces]
     if data.curved is not None:
         arrays |= {"curved_nodes": data.curved.nodes, "curved_nearest": data.curved.nearest, "curved_shares": data.curved.shares}
     if data.properties is not None:
@@ -129,7 +131,7 @@ def write_data(file: BinaryIO, data: MeshData) -> None:
 def read_data(file: BinaryIO) -> MeshData:
     """Read a result written by ``write_data``."""
     with np.load(file, allow_pickle=False) as store:
-        meta = json.loads(str(store["meta"]))
+        meta = _DECODER.decode(str(store["meta"]))
         return MeshData(
             store["points"],
             store["cells"],
@@ -140,9 +142,9 @@ def read_data(file: BinaryIO) -> MeshData:
             size=meta["size"],
             estimate=meta["estimate"],
             nodes=meta["nodes"],
-            remarks=meta["remarks"],
+            remarks=list(meta["remarks"]),
             owners=store["owners"],
-            faces=meta["faces"],
+            faces=[CadFace(**fields) for fields in meta["faces"]],
             curved=CurvedFacets(store["curved_nodes"], store["curved_nearest"], store["curved_shares"])
             if "curved_nodes" in store
             else None,
@@ -160,7 +162,15 @@ def scale_properties(properties: SolidProperties, scale: float) -> SolidProperti
     )
 
 
-def _read_properties(data: Mapping[str, Any]) -> SolidProperties:
+class _Properties(TypedDict):
+    volume: float
+    center: tuple[float, ...]
+    inertia: tuple[list[float], ...]
+    patch_areas: dict[str, float]
+    patch_centroids: dict[str, tuple[float, ...]]
+
+
+def _read_properties(data: _Properties) -> SolidProperties:
     centroids = {name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()}
-    center, inertia = (np.array(data[name], dtype=float) for name in ("center", "inertia"))
+    center, inertia = np.array(data["center"], dtype=float), np.array(data["inertia"], dtype=float)
     return SolidProperties(data["volume"], center, inertia, data["patch_areas"], centroids)

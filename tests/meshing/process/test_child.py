@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from faults.small_disks import limited_room
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.child import run_job
 from headstock.meshing.process.job import MeshJob
@@ -11,7 +12,7 @@ from headstock.studies.parameters.runs import blames_surroundings
 
 pytestmark = pytest.mark.process
 
-BOX = {"kind": "Box", "size": [100.0, 40.0, 1000.0]}
+BOX = Box((100.0, 40.0, 1000.0))
 
 
 def test_child_that_needs_more_memory_than_allowed_is_named() -> None:

@@ -179,9 +179,10 @@ def test_where_namespaces_are_refused_the_work_goes_on(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("limits", ["ulimit -v 3000000", "ulimit -t 30", "ulimit -S -v 3000000", "ulimit -v 3000000 -t 30"])
 def test_a_shell_with_limits_of_its_own_can_mesh(limits: str) -> None:
     code = """
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.child import run_job
-print(run_job(MeshJob("describe", {"kind": "Box", "size": [1.0, 2.0, 3.0]}), what="box", time_limit=60.0).properties.volume)
+print(run_job(MeshJob("describe", Box((1.0, 2.0, 3.0))), what="box", time_limit=60.0).properties.volume)
 """
     command = ["bash", "-c", f'{limits}; exec "$@"', "bash", sys.executable, "-P", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -190,9 +191,10 @@ print(run_job(MeshJob("describe", {"kind": "Box", "size": [1.0, 2.0, 3.0]}), wha
 
 def test_a_limit_of_the_shell_is_named_when_it_is_met() -> None:
     code = """
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.child import run_job
-run_job(MeshJob("shape", {"kind": "Box", "size": [100.0, 40.0, 1000.0]}, size=6.0, straight=True), what="column", time_limit=60.0)
+run_job(MeshJob("shape", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), what="column", time_limit=60.0)
 """
     command = ["bash", "-c", 'ulimit -v 358400; exec "$@"', "bash", sys.executable, "-P", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)
