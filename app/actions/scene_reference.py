@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
+from headstock.app.actions.editor_schema import rules_in
 from headstock.geometry.frames import DOF_NAMES
-from headstock.pipeline.storage.json_texts import Json
+from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
 from headstock.scene.schema.key_notes import NOTES
 
@@ -19,11 +20,11 @@ scene names lie in its folder or below.
 """
 
 
-def render_reference(schema: Json) -> str:
+def render_reference(schema: JsonTable) -> str:
     """The reference of all keys as Markdown."""
-    parts = [INTRODUCTION, "## The file", "", schema.get("description", ""), "", *_key_table("Scene", schema)]
+    parts = [INTRODUCTION, "## The file", "", str(schema.get("description", "")), "", *_key_table("Scene", schema)]
     seen: set[str] = set()
-    for key, rule in schema["properties"].items():
+    for key, rule in rules_in(schema, "properties").items():
         name = _table_of(rule)
         if name is not None:
             named = "additionalProperties" in rule
@@ -32,32 +33,32 @@ def render_reference(schema: Json) -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _section(schema: Json, name: str, path: str, seen: set[str], *, level: int) -> Iterator[str]:
+def _section(schema: JsonTable, name: str, path: str, seen: set[str], *, level: int) -> Iterator[str]:
     """A table, then the tables inside it that have not been written yet."""
     if name in seen:
         return
     seen.add(name)
-    table = schema["$defs"][name]
+    table = rules_in(schema, "$defs")[name]
     label = name.removesuffix("Table")
-    yield from [f"{'#' * level} `[{path}]`", "", table.get("description", ""), "", *_key_table(label, table)]
-    for key, rule in table["properties"].items():
+    yield from [f"{'#' * level} `[{path}]`", "", str(table.get("description", "")), "", *_key_table(label, table)]
+    for key, rule in rules_in(table, "properties").items():
         inner = _table_of(rule)
         if inner is not None:
             below = f"{path}.{key}.NAME" if "additionalProperties" in rule else f"{path}.{key}"
             yield from _section(schema, inner, below, seen, level=3)
 
 
-def _key_table(label: str, table: Json) -> Iterator[str]:
-    required = set(table.get("required", ()))
+def _key_table(label: str, table: JsonTable) -> Iterator[str]:
+    required = _items(table, "required")
     yield from ["| key | value | unless given | |", "|---|---|---|---|"]
-    for key, rule in table["properties"].items():
+    for key, rule in rules_in(table, "properties").items():
         note = NOTES.get(f"{label}.{key}", "")
         default = "**required**" if key in required else _describe_default(rule)
         yield f"| `{key}` | {_describe_value(rule)} | {default} | {note} |"
     yield ""
 
 
-def _table_of(rule: Json) -> str | None:
+def _table_of(rule: JsonTable) -> str | None:
     """Name of the table a key holds, in whatever wrapping."""
     if "$ref" in rule:
         return str(rule["$ref"]).rsplit("/", 1)[-1]
@@ -67,37 +68,42 @@ def _table_of(rule: Json) -> str | None:
     return None
 
 
-def _options(rule: Json) -> list[Json]:
+def _options(rule: JsonTable) -> list[JsonTable]:
     """What a value may be one of."""
-    return [*rule.get("anyOf", ()), *rule.get("oneOf", ())]
+    return [option for key in ("anyOf", "oneOf") for option in _items(rule, key) if isinstance(option, dict)]
 
 
-def _describe_value(rule: Json) -> str:
+def _items(rule: JsonTable, key: str) -> list[JsonValue]:
+    found = rule.get(key)
+    return found if isinstance(found, list) else []
+
+
+def _describe_value(rule: JsonTable) -> str:
     if _options(rule):
         return " or ".join(_describe_value(option) for option in _options(rule) if option.get("type") != "null")
     if "$ref" in rule:
         return "table"
     if "enum" in rule:
-        return ", ".join(f"`{option}`" for option in rule["enum"])
+        return ", ".join(f"`{option}`" for option in _items(rule, "enum"))
     if "description" in rule:
-        examples = ", ".join(f"`{_show(example)}`" for example in rule.get("examples", ()))
+        examples = ", ".join(f"`{_show(example)}`" for example in _items(rule, "examples"))
         return f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
     if rule.get("type") == "array":
-        inner = rule.get("items", {})
+        inner = rule.get("items")
         low, high = rule.get("minItems"), rule.get("maxItems")
         count = f"{low} × " if low is not None and low == high else ""
         if "examples" in rule:
-            return f"list, such as `{_show(rule['examples'][0])}`"
-        return f"list of {count}({_describe_value(inner)})" if inner else "list"
+            return f"list, such as `{_show(_items(rule, 'examples')[0])}`"
+        return f"list of {count}({_describe_value(inner)})" if isinstance(inner, dict) and inner else "list"
     if rule.get("type") == "object":
         inner = rule.get("additionalProperties")
         return f"table of names: {_describe_value(inner)}" if isinstance(inner, dict) and inner else "table"
     return {"string": "text", "boolean": "`true`, `false`", "integer": "whole number", "number": "number"}.get(
-        rule.get("type", ""), ""
+        str(rule.get("type", "")), ""
     )
 
 
-def _describe_default(rule: Json) -> str:
+def _describe_default(rule: JsonTable) -> str:
     default = rule.get("default")
     return "" if default is None or isinstance(default, dict) or default == [] else f"`{_show(default)}`"
 

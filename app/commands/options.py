@@ -1,8 +1,8 @@
 """Arguments and options that commands share, and how their texts are read."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 import typer
@@ -52,7 +52,7 @@ def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) 
     return load_scene(scene, variant=variant, overrides=overrides or [])
 
 
-def write_json_file(path: Path | None, content: Any) -> None:
+def write_json_file(path: Path | None, content: Mapping[str, object] | Sequence[Mapping[str, object]]) -> None:
     """Write what was printed, where a file was named."""
     if path is not None:
         from headstock.pipeline.storage.json_texts import dump_json

@@ -1,7 +1,5 @@
 """Pictures by VTK's off-screen renderer. Without a display VTK may end the process: only ``picture_worker`` calls this."""
 
-from typing import Any
-
 import numpy as np
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  registers the renderer
 from numpy.typing import NDArray
@@ -21,6 +19,7 @@ from vtkmodules.vtkRenderingCore import (
 
 from headstock.app.pictures.scenes import CAMERA, Picture, camera_axes
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import IntArray
 
 MARK_COLOR = (0.85, 0.47, 0.02)
 TOOL_COLOR = (0.80, 0.10, 0.20)
@@ -125,7 +124,7 @@ def _surface(picture: Picture) -> vtkActor:
     return actor
 
 
-def _lines(points: FloatArray, edges: Any, color: tuple[float, ...], width: float) -> vtkActor:
+def _lines(points: FloatArray, edges: IntArray, color: tuple[float, ...], width: float) -> vtkActor:
     data = _poly_data(points)
     data.SetLines(_cells(edges))
     mapper = vtkPolyDataMapper()
@@ -177,7 +176,7 @@ def _poly_data(points: FloatArray) -> vtkPolyData:
     return data
 
 
-def _cells(rows: Any) -> vtkCellArray:
+def _cells(rows: IntArray) -> vtkCellArray:
     width = rows.shape[1]
     cells = vtkCellArray()
     table = np.hstack([np.full((len(rows), 1), width), rows]).astype(np.int64).ravel()

@@ -8,9 +8,9 @@ import functools
 import hashlib
 import importlib.metadata
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -21,8 +21,10 @@ import headstock.reduction
 import headstock.scene
 import headstock.solvers
 from headstock.geometry.parts.components import Component, Load, Support
-from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
-from headstock.pipeline.storage.json_texts import Json
+from headstock.geometry.parts.solids import MeshFile, Solid, StepFile, SuperelementFile
+from headstock.pipeline.storage.json_texts import JsonValue
+from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.keys import find_keys, split_key, value_at
 
 SIGNIFICANT_DIGITS = 12
 MESH_LIBRARIES = ("gmsh", "numpy")
@@ -38,7 +40,10 @@ PACKAGES = (
 # what meshing and reducing a component import, and nothing else: a change in milling or control keeps what is stored
 MESH_CODE = (headstock.geometry, headstock.meshing)
 REDUCTION_ROOMS = ((headstock.solvers, "elastic"), (headstock.reduction, "components"))
-FILE_KEYS = ("step", "mesh", "superelement")
+FILE_KEYS = [
+    split_key(key)
+    for key in (*(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")), "analyses.contouring.forces")
+]
 
 
 def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[Load]) -> str:
@@ -105,18 +110,18 @@ def library_versions(names: tuple[str, ...]) -> dict[str, str]:
 
 
 @functools.cache
-def code_fingerprint(package: Any) -> str:
+def code_fingerprint(package: ModuleType) -> str:
     """SHA-256 over the source files of a sub-package and its rooms: a changed algorithm never meets results of the old one."""
     return _fingerprint(package, ("**/*.py",))
 
 
 @functools.cache
-def room_fingerprint(package: Any, room: str) -> str:
+def room_fingerprint(package: ModuleType, room: str) -> str:
     """The same over one room and the sub-package's own files, on which its rooms stand."""
     return _fingerprint(package, ("*.py", f"{room}/**/*.py"))
 
 
-def _fingerprint(package: Any, patterns: tuple[str, ...]) -> str:
+def _fingerprint(package: ModuleType, patterns: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(path for pattern in patterns for path in Path(folder).glob(pattern)):
@@ -124,18 +129,18 @@ def _fingerprint(package: Any, patterns: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
-def canonical_json(value: Any) -> str:
+def canonical_json(value: object) -> str:
     """JSON that is equal for equal content: sorted keys, floats to 12 significant digits."""
     return json.dumps(_canonical(value), sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
-def _digest(content: dict[str, Any]) -> str:
+def _digest(content: Mapping[str, object]) -> str:
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()
 
 
-def _canonical(value: Any) -> Any:
+def _canonical(value: object) -> JsonValue:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {field.name: _canonical(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        fields: dict[str, JsonValue] = {field.name: _canonical(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return {"type": type(value).__name__, **fields}
     if isinstance(value, dict):
         return {str(key): _canonical(item) for key, item in value.items()}
@@ -149,7 +154,7 @@ def _canonical(value: Any) -> Any:
     raise TypeError(f"a {type(value).__name__} has no canonical form")
 
 
-def _solid_content(component: Component) -> Any:
+def _solid_content(component: Component) -> Solid | dict[str, JsonValue]:
     solid = component.solid
     if isinstance(solid, StepFile | MeshFile | SuperelementFile):
         details = {name: value for name, value in dataclasses.asdict(solid).items() if name != "path"}
@@ -166,17 +171,8 @@ def _library_version(name: str) -> str:
         return "unknown"
 
 
-def file_digests(folder: Path, raw: Json) -> Iterator[tuple[str, str]]:
+def file_digests(folder: Path, raw: TomlTable) -> Iterator[tuple[str, str]]:
     """Files that solids and measured forces are read from and their SHA-256."""
-    names = [
-        component["solid"][key]
-        for component in raw.get("components", {}).values()
-        for key in FILE_KEYS
-        if key in component.get("solid", {})
-    ]
-    contouring = raw.get("analyses", {}).get("contouring")
-    if isinstance(contouring, dict) and "forces" in contouring:
-        names.append(contouring["forces"])
-    for name in names:
+    for name in [str(value_at(raw, key)) for pattern in FILE_KEYS for key in find_keys(raw, pattern)]:
         with (folder / name).open("rb") as file:
             yield name, hashlib.file_digest(file, "sha256").hexdigest()

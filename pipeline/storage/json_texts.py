@@ -11,9 +11,10 @@ from headstock.solvers.errors import AccuracyError
 
 Json = dict[str, Any]
 type JsonValue = str | float | bool | None | Sequence[JsonValue] | Mapping[str, JsonValue]
+type JsonTable = dict[str, JsonValue]
 
 
-def dump_json(content: Mapping[str, object]) -> str:
+def dump_json(content: Mapping[str, object] | Sequence[Mapping[str, object]]) -> str:
     """Strict JSON text: a number that is not finite is an error, not ``NaN``."""
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 

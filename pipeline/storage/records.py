@@ -9,13 +9,17 @@ import json
 import types
 import typing
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 # a small file can declare a data set of any size: what is not small must be there, or compressed by no more than this
 SMALL_ARRAY = 64 << 20
@@ -86,13 +90,13 @@ def _require_plain_attributes(item: h5py.Group | h5py.Dataset, most_axes: int) -
             raise RecordError(f"attribute {printable(f'{item.name}.{name}')} must be one number or word")
 
 
-def write_record(group: h5py.Group, record: Any) -> None:
+def write_record(group: h5py.Group, record: "DataclassInstance") -> None:
     """Write every field of a frozen dataclass into a group."""
     for field in dataclasses.fields(record):
         _write_value(group, field.name, getattr(record, field.name))
 
 
-def write_words(group: h5py.Group, content: Mapping[str, Any]) -> None:
+def write_words(group: h5py.Group, content: Mapping[str, object]) -> None:
     """Write numbers, words and lists of words as attributes of a group, a list as JSON; None is left out."""
     for name, value in content.items():
         if value is not None:
@@ -121,14 +125,14 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
         raise RecordError(f"{group.name} is no valid {kind.__name__}: {error}") from error
 
 
-def _write_value(group: h5py.Group, name: str, value: Any) -> None:
+def _write_value(group: h5py.Group, name: str, value: object) -> None:
     if value is None:
         return
     if isinstance(value, bool | int | float | str):
         group.attrs[name] = value
     elif isinstance(value, np.ndarray):
         group.create_dataset(name, data=value)
-    elif dataclasses.is_dataclass(value):
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         write_record(group.create_group(name, track_order=True), value)
     elif isinstance(value, Mapping):
         inner = group.create_group(name, track_order=True)
@@ -144,14 +148,14 @@ def _write_value(group: h5py.Group, name: str, value: Any) -> None:
         raise TypeError(f"{name!r} of type {type(value).__name__} has no place in a record file")
 
 
-def _word_array(words: tuple[Any, ...]) -> Any:
+def _word_array(words: tuple[object, ...]) -> NDArray[np.generic]:
     array = np.array(words if words else np.zeros(0))
     if not words:
         return array.astype(NO_WORDS)
     return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
 
 
-def _read_value(group: h5py.Group, name: str, hint: Any) -> Any:
+def _read_value(group: h5py.Group, name: str, hint: object) -> object:
     where = f"{group.name}/{name}"
     options = [option for option in _union_options(hint) if option is not types.NoneType]
     for option in options:
@@ -171,11 +175,11 @@ def _read_value(group: h5py.Group, name: str, hint: Any) -> Any:
     raise RecordError(f"{where} has a type hint that record files do not know: {hint}")
 
 
-def _union_options(hint: Any) -> tuple[Any, ...]:
+def _union_options(hint: object) -> tuple[object, ...]:
     return typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
 
 
-def _accepts_none(hint: Any) -> bool:
+def _accepts_none(hint: object) -> bool:
     return types.NoneType in _union_options(hint)
 
 
@@ -198,7 +202,7 @@ def _dataset(group: h5py.Group, name: str, where: str) -> h5py.Dataset:
     return inner
 
 
-def _read_array(group: h5py.Group, name: str, where: str) -> Any:
+def _read_array(group: h5py.Group, name: str, where: str) -> NDArray[np.float64] | NDArray[np.int64]:
     data = _dataset(group, name, where)
     if data.dtype.kind == "f":
         return np.ascontiguousarray(data[()], dtype=np.float64)
@@ -207,7 +211,7 @@ def _read_array(group: h5py.Group, name: str, where: str) -> Any:
     raise RecordError(f"{where} must hold numbers, not {data.dtype}")
 
 
-def _read_tuple(group: h5py.Group, name: str, hint: Any, where: str) -> tuple[Any, ...]:
+def _read_tuple(group: h5py.Group, name: str, hint: object, where: str) -> tuple[object, ...]:
     item = typing.get_args(hint)[0]
     if dataclasses.is_dataclass(item):
         inner = group.get(name)
@@ -225,7 +229,7 @@ def _read_tuple(group: h5py.Group, name: str, hint: Any, where: str) -> tuple[An
     return tuple(tuple(value) if isinstance(value, list) else value for value in values)
 
 
-def _read_scalar(group: h5py.Group, name: str, hint: Any, where: str) -> Any:
+def _read_scalar(group: h5py.Group, name: str, hint: object, where: str) -> object:
     if name not in group.attrs:
         raise RecordError(f"{where} must be an attribute")
     value = group.attrs[name]

@@ -1,7 +1,6 @@
 """Stiffness and mass of a meshed component: linear elasticity with dolfinx, distributed over a communicator."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import basix.ufl
 import dolfinx
@@ -54,7 +53,7 @@ class ElasticOperators:
     points: FloatArray
     stiffness: scipy.sparse.bsr_matrix
     scalar_mass: scipy.sparse.csr_matrix | None
-    column_map: Any
+    column_map: dolfinx.common.IndexMap
     total_nodes: int
     stiffness_scale: float
     row_sizes: FloatArray
@@ -164,7 +163,7 @@ def assemble_elasticity(mesh: ComponentMesh, material: Material, *, comm: MPI.Co
     return operators
 
 
-def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[Any, IntArray]:
+def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[dolfinx.mesh.Mesh, IntArray]:
     shape, order = CELL_TYPES[mesh.kind]
     permutation = gmshio.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), mesh.cells.shape[1])
     cells = np.ascontiguousarray(mesh.cells[:, permutation])
@@ -182,7 +181,9 @@ def _distribute_mesh(mesh: ComponentMesh, comm: MPI.Comm) -> tuple[Any, IntArray
     return domain, cells
 
 
-def _assemble_stiffness(space: Any, material: Material, degree: int) -> tuple[scipy.sparse.bsr_matrix, Any]:
+def _assemble_stiffness(
+    space: fem.FunctionSpace, material: Material, degree: int
+) -> tuple[scipy.sparse.bsr_matrix, dolfinx.common.IndexMap]:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     young, poisson = float(material.youngs_modulus), float(material.poisson_ratio)
     shear = fem.Constant(space.mesh, young / (2.0 * (1.0 + poisson)))
@@ -197,7 +198,7 @@ def _assemble_stiffness(space: Any, material: Material, degree: int) -> tuple[sc
     return _owned_rows(matrix, 3), matrix.index_map(1)
 
 
-def _assemble_mass(space: Any, material: Material, degree: int) -> scipy.sparse.csr_matrix:
+def _assemble_mass(space: fem.FunctionSpace, material: Material, degree: int) -> scipy.sparse.csr_matrix:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     density = fem.Constant(space.mesh, float(material.density))
     form = compile_form(density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm)
@@ -207,7 +208,7 @@ def _assemble_mass(space: Any, material: Material, degree: int) -> scipy.sparse.
     return _owned_rows(matrix, 1)
 
 
-def _owned_rows(matrix: Any, block: int) -> Any:
+def _owned_rows(matrix: la.MatrixCSR, block: int) -> scipy.sparse.bsr_matrix | scipy.sparse.csr_matrix:
     rows = matrix.index_map(0).size_local
     columns = matrix.index_map(1).size_local + matrix.index_map(1).num_ghosts
     # copies: the arrays of a dolfinx matrix die with it

@@ -58,7 +58,7 @@ def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
     return order if status == METIS_OK else None
 
 
-def _load_metis() -> Any:
+def _load_metis() -> ctypes.CDLL | None:
     """METIS with 32-bit indices; None when there is none.
 
     The widths of its integers cannot be asked for: with 64-bit ones the default options, all -1, would fill twice the space.

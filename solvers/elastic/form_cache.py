@@ -10,8 +10,8 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+import ufl
 from dolfinx import fem
 from ffcx.options import FFCX_DEFAULT_OPTIONS
 from mpi4py import MPI
@@ -23,7 +23,7 @@ COMPILER_ARGUMENTS = ["-O3", "-march=native"]
 LOCK_FILE = ".lock"
 
 
-def compile_form(form: Any, comm: MPI.Comm) -> Any:
+def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
     """Compile a form on rank 0 and load it everywhere; collective.
 
     Every option is given here: dolfinx and ffcx would otherwise take compiler arguments and libraries from files in the working
