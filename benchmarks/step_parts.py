@@ -68,7 +68,7 @@ def build_elbow() -> Solid:
 def build_bolt_plate() -> Solid:
     """A 600 x 400 x 25 plate with 96 bores of 11."""
     bores = [_circle(40 + 520 / 11 * i, 30 + 340 / 7 * j, 0, 5.5) for i in range(12) for j in range(8)]
-    return _extrude((0, 0, 600, 400), bores, 0, 25)
+    return _extrude(600, 400, bores, z=0, height=25)
 
 
 def build_bed() -> Solid:
@@ -79,7 +79,7 @@ def build_bed() -> Solid:
         for j in range(9):
             x, y = 25 + 42 * i, 18 + 48 * j
             loops.append(_slot(x, y, 275, 9.0, 3.0) if (i + j) % 2 else _circle(x, y, 275, 2.5 + 0.5 * (j % 3)))
-    body = _fuse(frame, [_extrude((0, 0, 1280, 420), loops, 275, 25)])
+    body = _fuse(frame, [_extrude(1280, 420, loops, z=275, height=25)])
     keyways = [_box(30 + 51 * i, y, 60 + 90 * (i % 2), 24, 13, 14) for i in range(24) for y in (-1, 408)]
     steps = [_box(50 + 100 * i, 419.946, 20, 20, 1, 8) for i in range(12)]
     return _cut(body, keyways + steps)
@@ -117,10 +117,10 @@ def _slot(x: float, y: float, z: float, length: float, radius: float) -> int:
     return int(occ.addCurveLoop([lines[0], arcs[0], lines[1], arcs[1]]))
 
 
-def _extrude(outline: tuple[float, float, float, float], holes: list[int], z: float, height: float) -> Solid:
-    """A plate over a rectangle ``(x, y, dx, dy)`` with holes right through it: quicker than to cut them."""
-    occ, (x, y, dx, dy) = gmsh.model.occ, outline
-    corners = [occ.addPoint(*place, z) for place in ((x, y), (x + dx, y), (x + dx, y + dy), (x, y + dy))]
+def _extrude(width: float, depth: float, holes: list[int], *, z: float, height: float) -> Solid:
+    """A plate from the origin along x and y, with holes right through it: quicker than to cut them."""
+    occ = gmsh.model.occ
+    corners = [occ.addPoint(*place, z) for place in ((0, 0), (width, 0), (width, depth), (0, depth))]
     loop = occ.addCurveLoop([occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)])
     return _only(occ.extrude([(2, occ.addPlaneSurface([loop, *holes]))], 0, 0, height))
 

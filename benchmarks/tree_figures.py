@@ -8,6 +8,8 @@ What is counted, over the layers (folders linked below ``.typing/headstock``), n
 - untyped signature: a function with ``Any`` or ``Json`` in an annotation of a parameter or of what it returns;
 - tuple bundle: a parameter, or what a function returns, is annotated ``tuple[...]`` with three or more entries that are not all
   alike. Where such a tuple goes on by position, the type checker does not see two entries of one type that changed places;
+- unpacked parameter: the body unpacks a parameter into two or more names (``row, column = entry``): several things that travel as
+  one. A vector unpacked into components is none: a parameter annotated as an array, a list, or a tuple of three alike or without an end;
 - positional splat: ``f(a, *rest)`` where ``f`` is a function or class of this tree that takes named parameters only;
 - undescribed function: public, at module level or a method, three or more parameters (``self`` aside), no ``Args:``. Not counted are the
   commands of the command line: typer prints their docstring as the help text and describes each parameter by its own ``help=``.
@@ -29,6 +31,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 UNTYPED = {"Any", "Json"}
+VECTOR = re.compile(r"\w*Array|NDArray\[.+\]|list(\[.+\])?|Sequence\[.+\]|tuple\[(.+), (\.{3}|\2, \2)\]")
 BUNDLE = 3  # entries of a tuple, and parameters of a function
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -125,6 +128,7 @@ def find_habits(tree: Tree) -> dict[str, list[str]]:
         "signatures with Any or Json": [],
         "tuple bundles as parameters": [],
         "tuple bundles returned": [],
+        "parameters unpacked in the body": [],
         "positional splats into named parameters": list(_find_splats(tree)),
         f"public functions of {BUNDLE} or more parameters without Args:": list(_find_undescribed(tree)),
     }
@@ -134,6 +138,7 @@ def find_habits(tree: Tree) -> dict[str, list[str]]:
         parameters = [given.annotation for given in _parameters(node) if given.annotation is not None]
         if any(_names(note) & UNTYPED for note in [*parameters, *([node.returns] if node.returns else [])]):
             found["signatures with Any or Json"].append(place)
+        found["parameters unpacked in the body"] += [f"{place}: {unpacked}" for unpacked in _find_unpacked(node)]
         found["tuple bundles as parameters"] += [place for note in parameters if _is_bundle(note, known)]
         found["tuple bundles returned"] += [place for note in [node.returns] if note is not None and _is_bundle(note, known)]
     return found
@@ -194,6 +199,18 @@ def _is_bundle(note: ast.expr, names: Mapping[str, str]) -> bool:
         return False
     entries = [ast.unparse(entry) for entry in note.slice.elts]
     return len(entries) >= BUNDLE and "..." not in entries and len(set(entries)) > 1
+
+
+def _find_unpacked(node: Function) -> Iterator[str]:
+    """Assignments of a body, also several at once, that unpack a parameter which is no vector."""
+    notes = {given.arg: ast.unparse(given.annotation) if given.annotation else "" for given in _parameters(node)}
+    for made in (inner for inner in ast.walk(node) if isinstance(inner, ast.Assign)):
+        target, value = made.targets[0], made.value
+        several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+        pairs = zip(target.elts, value.elts, strict=False) if several else [(target, value)]
+        for names, source in pairs:
+            if isinstance(names, ast.Tuple) and isinstance(source, ast.Name) and not VECTOR.fullmatch(notes.get(source.id, "list")):
+                yield f"{ast.unparse(names)} = {source.id}"
 
 
 def _with_named_parameters(body: list[ast.stmt]) -> Iterator[str]:

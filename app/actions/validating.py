@@ -40,9 +40,9 @@ def print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
 
 
 def _print_row(console: Console, row: ValidationRow) -> None:
-    numbers = (_number(row.value), _number(row.reference), row.unit, _error(row.relative_error), _error(row.tolerance))
     name, rest = _split(row.quantity)
-    line = escape(_line(name, *numbers, row.kind))
+    value, reference, error, allowed = _number(row.value), _number(row.reference), _error(row.relative_error), _error(row.tolerance)
+    line = escape(_line(name, value, reference, row.unit, error, allowed, row.kind))
     console.print(line if row.passed else f"[bold red]{line}  FAIL[/bold red]", highlight=False, soft_wrap=True)
     for text in [*rest, *([row.note] if row.note else [])]:
         console.print(f"[dim]      {escape(text)}[/dim]", highlight=False)
@@ -57,8 +57,7 @@ def _split(quantity: str) -> tuple[str, list[str]]:
     return quantity[:cut], [quantity[cut:].strip()]
 
 
-def _line(*cells: str) -> str:
-    name, value, reference, unit, error, allowed, kind = cells
+def _line(name: str, value: str, reference: str, unit: str, error: str, allowed: str, kind: str) -> str:
     return f"  {name:<{QUANTITY - 2}}{value:>{NUMBER}}{reference:>{NUMBER}} {unit:<7}{error:>9}{allowed:>9}  {kind}"
 
 

@@ -96,7 +96,8 @@ def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
             continue
         if name not in machine.axes:
             raise ValueError(f"pose {pose.name!r} names axis {name!r}; axes: {sorted(machine.axes)}")
-        if fault := find_limit_fault(name, position, machine.axes[name].limits, position_units(machine)[name]):
+        low, high = machine.axes[name].limits
+        if fault := find_limit_fault(name, position, low=low, high=high, unit=position_units(machine)[name]):
             raise ValueError(f"pose {pose.name!r}: {fault}")
     frames = {name: component.placement for name, component in machine.components.items()}
     carriers = {} if mechanism is None else place_carriers(mechanism, pose.positions)
@@ -137,16 +138,16 @@ def show_position(position: float, unit: str = "m") -> str:
     return f"{round(factor * position, 9) + 0.0:g} {word}"
 
 
-def find_limit_fault(axis: str, position: float, limits: tuple[float, float], unit: str) -> str:
+def find_limit_fault(axis: str, position: float, *, low: float, high: float, unit: str) -> str:
     """Why an axis cannot stand at a position; empty where it can.
 
     Args:
         axis: Its name.
         position: Where it is to stand [m, rad].
-        limits: Lowest and highest position [m, rad].
+        low: Lowest position [m, rad].
+        high: Highest position [m, rad].
         unit: ``m`` or ``rad``.
     """
-    low, high = limits
     if low <= position <= high:
         return ""
     places = [show_position(place, unit) for place in (position, low, high)]

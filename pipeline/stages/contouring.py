@@ -239,7 +239,7 @@ def face_dynamics(mechanism: SceneMechanism, model: CompliantMechanism, request:
     damping = modal_damping(motions, solve_pose_modes(motions), np.array(request.damping_ratios or (0.0,)))
     frame: FloatArray = travel_frames(np.array([[*TRAVELS[face], 0.0]]))[0] @ mechanism.mounted.mounting.rotation
     tip = frame @ mark_motion(model, motions, model.tool)[:3]
-    return tip_dynamics((motions.mass, damping, np.diag(motions.stiffness)), tip, tip[:2])
+    return tip_dynamics(motions.mass, damping, np.diag(motions.stiffness), forced=tip, seen=tip[:2])
 
 
 def evaluate_contour(

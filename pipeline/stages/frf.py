@@ -116,7 +116,7 @@ def add_figure_errors(
         depths = [_deepest(plain[bounded] + change[bounded]) for change in (np.zeros_like(plain), low, high)]
         shares = {REDUCTION: max(abs(depths[1] - depths[0]), abs(depths[2] - depths[0])) + abs(depths[2] - depths[1])}
         if estimate.errors.mesh is not None:
-            softer = _softer_depth(response, estimate, (row, column), own.worst_real_hz)
+            softer = _softer_depth(response, estimate, own.worst_real_hz, row=row, column=column)
             # nothing is known of the mesh near the deepest line: then nothing is known of the depth
             if softer is None:
                 found.append(own)
@@ -126,12 +126,11 @@ def add_figure_errors(
     return tuple(found)
 
 
-def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, entry: tuple[int, int], hz: float) -> float | None:
+def _softer_depth(response: FrequencyResponse, estimate: ResponseEstimate, hz: float, *, row: int, column: int) -> float | None:
     """Most negative real part with finer meshes; lines are dense where peaks are, so those around the deepest move along with it.
 
     None where nothing is known of any line.
     """
-    row, column = entry
     lines, mesh = response.frequencies_hz, estimate.errors.mesh
     softer = response.receptance[:, row, column] + (0.0 if mesh is None else mesh[:, row, column])
     near = lines[np.abs(lines - hz) < NEIGHBOURHOOD * hz]
@@ -202,7 +201,9 @@ def respond(machine: PoseModel, *, judged: bool = True) -> Solved[PoseResponse]:
         free_body=_name_entries(response),
         singular_hz=tuple(float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]),
         figures=add_figure_errors(
-            _port_figures(request, model, figures, (near.frequencies_hz, machine.name_modes(near).names if judged else ())),
+            _port_figures(
+                request, model, figures, modes_hz=near.frequencies_hz, names=machine.name_modes(near).names if judged else ()
+            ),
             response,
             estimate,
         ),
@@ -227,10 +228,9 @@ def _name_entries(response: FrequencyResponse) -> tuple[str, ...]:
 
 
 def _port_figures(
-    request: FrfRequest, model: FrfModel, stability: tuple[StabilityFigures, ...], named: tuple[FloatArray, tuple[str, ...]]
+    request: FrfRequest, model: FrfModel, stability: tuple[StabilityFigures, ...], *, modes_hz: FloatArray, names: tuple[str, ...]
 ) -> tuple[PortFigures, ...]:
     by_port = {figures.port: figures for figures in stability}
-    frequencies, names = named
     found = []
     for port in request.inputs:
         if port in request.outputs:
@@ -245,7 +245,7 @@ def _port_figures(
                     chatter_stiffness=own.chatter_stiffness if own else None,
                     softest=own.softest if own else None,
                     softest_hz=own.softest_hz if own else None,
-                    softest_mode=names[int(np.argmin(np.abs(frequencies - own.softest_hz)))] if own and names else "",
+                    softest_mode=names[int(np.argmin(np.abs(modes_hz - own.softest_hz)))] if own and names else "",
                     plain_sum_error=_plain_sum_error(model.coordinates, row, column, request.to_hz),
                 )
             )

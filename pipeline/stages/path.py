@@ -41,7 +41,6 @@ from headstock.solvers.paths.response import (
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_response import StepTable, make_step_table, solve_varying_path
 from headstock.solvers.paths.varying_system import PosedModes, VaryingSystem, sample_system
-from headstock.solvers.second_order import Port
 
 ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer where a stiff integrator has them
@@ -67,7 +66,7 @@ def _close_path(state: RunState, request: PathRequest, coupled: CoupledMachine, 
     return ControlledPath(
         loop=close_loops(driven.system, driven.trains, inputs=(*pushed, *ports), outputs=request.outputs, up_to_hz=reach),
         shares=axis_shares(request),
-        travel=np.array([_travel_of_port(machine, directions, port) for port in request.outputs]),
+        travel=np.array([_travel_of_port(machine, directions, name=name, dof=dof) for name, dof in request.outputs]),
         slow_hz=slow_hz,
         loads=None if cut is None else cutting_loads(cut, _tool_travel(machine, directions, cut.at)),
         load_step=math.inf if cut is None else 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN,
@@ -110,7 +109,7 @@ def cutting_loads(request: PathCut, travel: FloatArray) -> Callable[[FloatArray,
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
-    return np.array([_travel_of_port(machine, directions, (point, dof)) for dof in DIRECTIONS])
+    return np.array([_travel_of_port(machine, directions, name=point, dof=dof) for dof in DIRECTIONS])
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:
@@ -119,9 +118,8 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
     return {axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length for axis in request.path.axes}
 
 
-def _travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], port: Port) -> float:
+def _travel_of_port(machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str) -> float:
     """How the rigid machine moves a port per travel along a path; axes that move do not turn."""
-    name, dof = port
     if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)
@@ -187,7 +185,7 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
     # that modes are kept only up to a frequency is judged in the middle, where all are known
     move = request.moves[-1]
     short = solve_path(middle.system, model, move, sample_path(request, move))
-    return SolvedMoves(found, kept, _judge_poses(request, (along, table), (found, kept), short))
+    return SolvedMoves(found, kept, _judge_poses(request, along, table, found=found, kept=kept, short=short))
 
 
 def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
@@ -197,17 +195,19 @@ def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
 
 def _judge_poses(
     request: PathRequest,
-    along: tuple[VaryingSystem, StepTable],
-    solved: tuple[tuple[PathDeviation, ...], tuple[PathDeviation, ...]],
+    system: VaryingSystem,
+    table: StepTable,
+    *,
+    found: tuple[PathDeviation, ...],
+    kept: tuple[PathDeviation, ...],
     short: PathDeviation,
 ) -> FollowedPoses:
     """What following the poses took, and what it is worth."""
-    system, table = along
 
     def show(deviation: PathDeviation) -> FloatArray:
         return filter_deviation(deviation, request.low_pass).total
 
-    whole = show(solved[1][-1])
+    whole = show(kept[-1])
     return FollowedPoses(
         stations=len(system.positions),
         error=system.error,
@@ -216,7 +216,7 @@ def _judge_poses(
         next_hz=None if np.isinf(system.next_hz) else system.next_hz,
         steps=len(table.spline.x),
         truncation=float(np.abs(show(short) - whole).max() / max(np.abs(whole).max(), np.finfo(float).tiny)),
-        effect=tuple(float(np.abs(show(found) - show(kept)).max()) for found, kept in zip(*solved, strict=True)),
+        effect=tuple(float(np.abs(show(ours) - show(theirs)).max()) for ours, theirs in zip(found, kept, strict=True)),
     )
 
 

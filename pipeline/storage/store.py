@@ -11,11 +11,15 @@ import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 
 from headstock.pipeline.storage.atomic_files import write_atomically
 from headstock.pipeline.storage.records import read_record, require_plain, write_record
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 USER_BLOCK = 512
 SIGNATURE = b"headstock store entry 2 "
@@ -104,7 +108,7 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
         return StoreRead(None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}")
 
 
-def write_entry(store: Store, key: str, record: object) -> str | None:
+def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | None:
     """Keep a record under a key; a store that cannot be written costs time later but no result, so it gives a warning.
 
     Args:

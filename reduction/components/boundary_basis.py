@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Se
         for direction in support.directions:
             supported[3 * points + "xyz".index(direction)] = True
     held, rows, shapes = supported.copy(), [], []
-    first_owner: dict[int, tuple[int, FloatArray]] = {}
+    first_owner: dict[int, _PointOwner] = {}
     for number, node in enumerate(nodes):
         rows += _undetermined_rows(component.name, node, number, len(nodes), warnings)
         if node.coupling != "rigid":
@@ -87,7 +88,7 @@ def build_boundary_basis(component: Component, mesh: ComponentMesh, supports: Se
             block = rigid[3 * local : 3 * local + 3]
             rows += _shared_rows(first_owner.get(int(point)), block, supported[3 * point : 3 * point + 3], number, len(nodes))
             own[local] = int(point) not in first_owner
-            first_owner.setdefault(int(point), (number, block))
+            first_owner.setdefault(int(point), _PointOwner(number, block))
         dofs = (3 * node.patch.nodes[:, None] + np.arange(3)).ravel()
         free = np.repeat(own, 3) & ~supported[dofs]
         shapes.append((dofs[free], rigid[free], number))
@@ -163,17 +164,22 @@ def _undetermined_rows(component: str, node: BoundaryNode, number: int, count: i
     return rows
 
 
-def _shared_rows(
-    owner: tuple[int, FloatArray] | None, block: FloatArray, supported: BoolArray, number: int, count: int
-) -> list[FloatArray]:
+class _PointOwner(NamedTuple):
+    """The first rigid node that carries a mesh point: its number, and ``(3, 6)`` motion of the point per unit motion of it."""
+
+    number: int
+    block: FloatArray
+
+
+def _shared_rows(owner: _PointOwner | None, block: FloatArray, supported: BoolArray, number: int, count: int) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for direction in range(3):
         row = np.zeros(6 * count)
         row[6 * number : 6 * number + 6] = block[direction]
         if supported[direction]:
             rows.append(row)
-        elif owner is not None and owner[0] != number:
-            row[6 * owner[0] : 6 * owner[0] + 6] -= owner[1][direction]
+        elif owner is not None and owner.number != number:
+            row[6 * owner.number : 6 * owner.number + 6] -= owner.block[direction]
             rows.append(row)
     return rows
 

@@ -79,7 +79,7 @@ def attach_interfaces(
             frames.append(frame)
             names.append(name)
         attachments[name] = Attachment(node, frame)
-    rows = [_tie_rows(chain, tie) for tie in ties] + [
+    rows = [_tie_rows(chain, tied=tied, node=node) for tied, node in ties] + [
         _mean_rows(chain, solid, item, attachments[item.name].frame) for item in means
     ]
     return SegmentedBar(chain, solid, tuple(frames), tuple(names), attachments, _join_rows(rows, len(chain.places), len(means)))
@@ -128,9 +128,8 @@ def _section_name(bar: PrismaticBar, spans: Sequence[Span]) -> str:
     return ends.get(spans[0], "")
 
 
-def _tie_rows(chain: SegmentChain, tie: tuple[int, int]) -> FloatArray:
+def _tie_rows(chain: SegmentChain, *, tied: int, node: int) -> FloatArray:
     """Rows ``(6, 6 n)``: one node less another carried to it."""
-    tied, node = tie
     rows = np.zeros((6, 6 * len(chain.places)))
     rows[:, 6 * node : 6 * node + 6] = -rigid_transfer(chain.places[node], chain.places[tied])
     rows[:, 6 * tied : 6 * tied + 6] = np.eye(6)

@@ -9,6 +9,7 @@ stiffness and place in the scene, which coordinates and mode shapes are not.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -277,25 +278,32 @@ def slope_modes(machine: CoupledSlopes, slope: StackedPieces, squares: FloatArra
     return ModeSlopes(basis.T @ stacked + machine.carried_forces(slope, reactions), mass_terms, carried)
 
 
+class ObservedDof(NamedTuple):
+    """Observer of a machine, and which of its dofs (0..5)."""
+
+    observer: str
+    dof: int
+
+
 def slope_point_compliance(
-    machine: CoupledSlopes, slope: StackedPieces, ports: tuple[tuple[str, int], tuple[str, int]], answers: FloatArray
+    machine: CoupledSlopes, slope: StackedPieces, answers: FloatArray, *, motion: ObservedDof, force: ObservedDof
 ) -> float:
     """Derivative of the motion at one port per unit force at another.
 
     Args:
         machine: The machine at the parameter's value.
         slope: Derivatives of the parts that the parameter moves.
-        ports: Observer and dof (0..5) of the motion, then of the force.
-        answers: ``(n_all, 2)`` static motions under a unit force at the motion port and at the force port.
+        answers: ``(n_all, 2)`` static motions under a unit force where the motion is seen, and where the force acts.
+        motion: That is seen.
+        force: That acts.
     """
-    (seen, seen_dof), (pushed, pushed_dof) = ports
-    rows = np.vstack([machine.pieces.observers[seen][seen_dof], machine.pieces.observers[pushed][pushed_dof]])
+    rows = np.vstack([machine.pieces.observers[port.observer][port.dof] for port in (motion, force)])
     stiff, _ = machine.changed_forces(slope, answers)
     total = -float(answers[:, 0] @ stiff[:, 1])
-    if seen in slope.observers:
-        total += float(slope.observers[seen][seen_dof] @ answers[:, 1])
-    if pushed in slope.observers:
-        total += float(slope.observers[pushed][pushed_dof] @ answers[:, 0])
+    if motion.observer in slope.observers:
+        total += float(slope.observers[motion.observer][motion.dof] @ answers[:, 1])
+    if force.observer in slope.observers:
+        total += float(slope.observers[force.observer][force.dof] @ answers[:, 0])
     carried = machine.carried_motions(slope, answers)
     if carried is not None:
         reactions = machine.stiffness_times(answers) - rows.T

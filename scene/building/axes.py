@@ -167,7 +167,7 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
     if table.limits is None or value.dimension != table.limits[0].dimension:
         return ""
     low, high = (limit.value for limit in table.limits)
-    return find_limit_fault(axis, value.value, (low, high), value.dimension.unit)
+    return find_limit_fault(axis, value.value, low=low, high=high, unit=value.dimension.unit)
 
 
 def find_unit_fault(value: Quantity, axis: AxisTable) -> str:

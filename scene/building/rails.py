@@ -68,7 +68,7 @@ def check_rails(draft: Draft, findings: Findings) -> None:
     riders = carriage_joints(scene)
     for (component, name), joints in riders.items():
         if component in solids:
-            _check_rail((component, name), scene, solids[component], joints, findings)
+            _check_rail(component, name, scene, solids[component], joints, findings)
     for name, joint in scene.joints.items():
         rails = [end for end in joint.between if (end.component or "", end.interface or "") in riders]
         if fault := _find_joint_fault(joint, rails, scene):
@@ -82,8 +82,7 @@ def check_carriages(scene: Scene, findings: Findings) -> None:
             findings.add(("poses", name) if pose.positions else ("joints", joint), fault)
 
 
-def _check_rail(place: tuple[str, str], scene: SceneTable, solid: Solid, joints: list[str], findings: Findings) -> None:
-    component, name = place
+def _check_rail(component: str, name: str, scene: SceneTable, solid: Solid, joints: list[str], findings: Findings) -> None:
     table = scene.components[component].interfaces[name]
     key: KeyPath = ("components", component, "interfaces", name, "rail")
     if table.rail is None:

@@ -164,7 +164,7 @@ def _find_fault(path: AxisPath, column: int, axis: str, scene: SceneTable, units
         return ""
     first = int(outside[0])
     more = f" ({len(outside) - 1} rows more)" if len(outside) > 1 else ""
-    fault = find_limit_fault(axis, float(path.positions[first, column]), (low, high), path.units[column])
+    fault = find_limit_fault(axis, float(path.positions[first, column]), low=low, high=high, unit=path.units[column])
     return f"{path.name}:{path.lines[first]}: {fault}{more}"
 
 

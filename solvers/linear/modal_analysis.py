@@ -192,7 +192,9 @@ def slope_shape(
     squares: FloatArray,
     shapes: FloatArray,
     index: int,
-    slopes: tuple[FloatArray, FloatArray],
+    *,
+    forces: FloatArray,
+    mass_terms: FloatArray,
 ) -> FloatArray:
     """Derivatives ``(n, p)`` of one mass-normalised mode shape by p parameters.
 
@@ -205,9 +207,9 @@ def slope_shape(
         squares: ``(m,)`` omega^2 [rad^2/s^2].
         shapes: ``(n, m)`` mass-normalised.
         index: Which mode.
-        slopes: ``(dK - omega^2 dM) phi`` of that mode for each parameter ``(n, p)``, and ``phi^T dM phi`` ``(p,)``.
+        forces: ``(dK - omega^2 dM) phi`` of that mode for each parameter ``(n, p)``.
+        mass_terms: ``phi^T dM phi`` of it ``(p,)``.
     """
-    forces, mass_terms = slopes
     square = float(squares[index])
     cluster = np.flatnonzero(np.abs(squares - square) <= CLUSTER_GAP * abs(square))
     held = mass @ shapes[:, cluster]

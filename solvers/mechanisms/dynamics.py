@@ -157,7 +157,7 @@ def evaluate_dynamics(model: CompliantMechanism, kinematics: Kinematics, rates: 
         gamma, tool_bias = np.zeros(closures.shape[:-1]), np.zeros_like(placement.positions[..., tool, :])
     else:
         bias = mark_bias(placement, rates)
-        load = load - _inertial_forces(bodies, placement, bias, (heavy, turning))
+        load = load - _inertial_forces(bodies, placement, bias, heavy=heavy, turning=turning)
         gamma, tool_bias = closure_bias(model.mechanism, placement, bias), bias.acceleration[..., tool, :]
     return MechanismDynamics(placement, mass, load, closures, gamma, kinematics.of_position[..., tool, :, :], tool_bias)
 
@@ -186,10 +186,9 @@ def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatAr
     return moving, np.swapaxes(placement.rotations[..., bodies.mark, :, :], -1, -2) @ of_turn
 
 
-def _inertial_forces(bodies: BodyArrays, placement: Placement, bias: Bias, weighed: tuple[FloatArray, FloatArray]) -> FloatArray:
+def _inertial_forces(bodies: BodyArrays, placement: Placement, bias: Bias, *, heavy: FloatArray, turning: FloatArray) -> FloatArray:
     """``Jp^T m a + Jw^T (I alpha + w x I w)`` ``(..., n)`` with the bias accelerations, summed over the bodies."""
     # heavy is m Jp; turning is Jw in the axes of each body, where its inertia is constant (Newton and Euler)
-    heavy, turning = weighed
     arms = _arms(bodies, placement)
     omega, alpha = bias.omega[..., bodies.mark, :], bias.alpha[..., bodies.mark, :]
     acceleration = bias.acceleration[..., bodies.mark, :] + cross(alpha, arms) + cross(omega, cross(omega, arms))

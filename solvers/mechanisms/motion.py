@@ -52,9 +52,8 @@ class PartitionedMotion:
         """
         drive = self.drive(time)
         try:
-            placed = compose_state(self.model.mechanism, drive.position, give, self.guess)
-            self.guess = placed[0]
-            return partition_dynamics(self.model, placed, drive, rates, self.force(time))
+            self.guess, kinematics = compose_state(self.model.mechanism, drive.position, give, self.guess)
+            return partition_dynamics(self.model, self.guess, kinematics, drive, rates=rates, force=self.force(time))
         except (ClosureError, np.linalg.LinAlgError) as error:
             raise SingularPoseError(f"at t = {time:.6g} s: {error}; the motion ends at a singular pose") from error
 

@@ -103,18 +103,19 @@ def compose_state(
 
 
 def partition_dynamics(
-    model: CompliantMechanism, placed: tuple[FloatArray, Kinematics], drive: Drive, rates: FloatArray, force: FloatArray
+    model: CompliantMechanism, state: FloatArray, kinematics: Kinematics, drive: Drive, *, rates: FloatArray, force: FloatArray
 ) -> PartitionedDynamics:
     """The equations of motion in the compliant coordinates.
 
     Args:
         model: The mechanism.
-        placed: From :func:`compose_state`, at the drive's position.
+        state: ``(..., n)`` all coordinates, from :func:`compose_state`, at the drive's position.
+        kinematics: There.
         drive: What the driven coordinates do.
         rates: ``(..., c)`` speeds of the compliant coordinates [m/s].
         force: ``(..., 3)`` force on the tool in the ground frame of the chains [N].
     """
-    mechanism, (state, kinematics) = model.mechanism, placed
+    mechanism = model.mechanism
     from_driven, from_compliant = velocity_maps(mechanism, kinematics.closures)
     speeds = (from_driven @ drive.speed[..., None] + from_compliant @ rates[..., None])[..., 0]
     dynamics = evaluate_dynamics(model, kinematics, speeds if model.velocity_terms else None)

@@ -7,6 +7,7 @@ every sweep evaluates the full equations at all instants together and solves the
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -143,7 +144,7 @@ def march_linear(
             state += own[row]
             if wave is not None:
                 past = history[max(0, part.start + row - delay), 0]
-                state -= np.outer(method[1], inverse[row] @ (wave[row] @ past)).ravel()
+                state -= np.outer(method.reach, inverse[row] @ (wave[row] @ past)).ravel()
             states[row] = state
         if not np.isfinite(state).all():
             raise ConvergenceError(f"the motion grows without bound before t = {times[part.stop - 1]:.4g} s: the cut is unstable")
@@ -175,7 +176,7 @@ def refine_motion(
     found, last = first, np.inf
     states = drive.rigid_states(motion.times)
     for _ in range(MAX_SWEEPS):
-        change = march_linear(motion, -_unbalanced(model, drive, motion, force, (found, states)), scheme=scheme)
+        change = march_linear(motion, -_unbalanced(model, drive, motion, force, history=found, states=states), scheme=scheme)
         found = GiveHistory(found.give + change.give, found.rate + change.rate, found.acceleration + change.acceleration)
         size = float(np.abs(change.give).max())
         if size < CONVERGED:
@@ -227,15 +228,16 @@ def drive_forces(
     """
     found = []
     for part in chunk_slices(len(times)):
-        moving, guess = (history.give[part], history.rate[part]), drive.rigid_states(times[part])
-        dynamics = _evaluate(model, drive.at(times[part]), guess, moving, force[part])
+        give, rate, guess = history.give[part], history.rate[part], drive.rigid_states(times[part])
+        dynamics = _evaluate(model, drive.at(times[part]), guess, give=give, rate=rate, force=force[part])
         found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
     return np.concatenate(found)
 
 
 def _rigid_load(model: CompliantMechanism, drive: PathDrive, times: FloatArray) -> FloatArray:
     none = np.zeros((len(times), len(model.mechanism.compliant)))
-    return _evaluate(model, drive.at(times), drive.rigid_states(times), (none, none), np.zeros((len(times), 3))).load
+    force = np.zeros((len(times), 3))
+    return _evaluate(model, drive.at(times), drive.rigid_states(times), give=none, rate=none, force=force).load
 
 
 def _unbalanced(
@@ -243,14 +245,15 @@ def _unbalanced(
     drive: PathDrive,
     motion: LinearMotion,
     force: FloatArray,
-    trial: tuple[GiveHistory, FloatArray],
+    *,
+    history: GiveHistory,
+    states: FloatArray,
 ) -> FloatArray:
-    """``(n, c)`` what the nonlinear equations are off by [N]; the states that come with the trial are brought up to date."""
-    history, states = trial
+    """``(n, c)`` what the nonlinear equations of a trial motion are off by [N]; its states are brought up to date."""
     found = np.empty_like(history.give)
     for part in chunk_slices(len(motion.times)):
         give, rate = history.give[part], history.rate[part]
-        dynamics = _evaluate(model, drive.at(motion.times[part]), states[part], (give, rate), force[part])
+        dynamics = _evaluate(model, drive.at(motion.times[part]), states[part], give=give, rate=rate, force=force[part])
         states[part] = dynamics.state
         inertia = (dynamics.mass @ history.acceleration[part][..., None])[..., 0]
         found[part] = (
@@ -260,29 +263,37 @@ def _unbalanced(
 
 
 def _evaluate(
-    model: CompliantMechanism, drives: Drive, guess: FloatArray, moving: tuple[FloatArray, FloatArray], force: FloatArray
+    model: CompliantMechanism, drives: Drive, guess: FloatArray, *, give: FloatArray, rate: FloatArray, force: FloatArray
 ) -> PartitionedDynamics:
     """The full equations at many instants at once, from a guess of the states."""
-    give, rate = moving
-    return partition_dynamics(model, compose_state(model.mechanism, drives.position, give, guess), drives, rate, force)
+    state, kinematics = compose_state(model.mechanism, drives.position, give, guess)
+    return partition_dynamics(model, state, kinematics, drives, rates=rate, force=force)
 
 
-def scheme_matrices(scheme: AlphaScheme, h: float) -> tuple[FloatArray, FloatArray]:
-    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new acceleration``."""
+class SchemeMatrices(NamedTuple):
+    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new acceleration``, ``(4, 4)`` and ``(4,)``."""
+
+    ahead: FloatArray
+    reach: FloatArray
+
+
+def scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
+    """What the steps of a scheme do over ``h`` seconds."""
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     share = (1.0 - af) / (1.0 - am)
     rest = np.array([0.0, 0.0, af, -am]) / (1.0 - am)
     unit = np.eye(4)
     position = unit[0] + h * unit[1] + h * h * ((0.5 - beta) * unit[3] + beta * rest)
     velocity = unit[1] + h * ((1.0 - gamma) * unit[3] + gamma * rest)
-    return np.array([position, velocity, np.zeros(4), rest]), np.array([h * h * beta * share, h * gamma * share, 1.0, share])
+    reach = np.array([h * h * beta * share, h * gamma * share, 1.0, share])
+    return SchemeMatrices(np.array([position, velocity, np.zeros(4), rest]), reach)
 
 
 def step_maps(
     motion: LinearMotion,
     load: FloatArray,
     part: slice,
-    method: tuple[FloatArray, FloatArray],
+    method: SchemeMatrices,
     *,
     softer: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -298,13 +309,13 @@ def step_maps(
     Returns:
         ``ahead (., 4 c, 4 c)``, ``own (., 4 c)``, and ``(., c, c)`` what one more load adds to the new acceleration.
     """
-    (old, reach), size = method, load.shape[1]
+    reach, size = method.reach, load.shape[1]
     mass, damping = motion.between(motion.mass, part), motion.between(motion.damping, part)
     stiffness = motion.between(motion.stiffness, part)[:, :, None] * np.eye(size)
     if softer is not None:
         stiffness = stiffness - softer
     inverse = np.linalg.inv(mass + reach[1] * damping + reach[0] * stiffness)
-    drift = np.kron(old, np.eye(size))
+    drift = np.kron(method.ahead, np.eye(size))
     # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state alone leads to (drift): the new
     # acceleration is linear in the old state and the load, and so is the new state = drift + reach a
     pulled = np.concatenate([stiffness, damping], axis=-1) @ drift[: 2 * size]

@@ -87,7 +87,7 @@ def march_regenerative(
     """
     chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
     method = scheme_matrices(chosen, float(times[1] - times[0]))
-    (position, *_), reach = method
+    position, reach = method.ahead[0], method.reach
     state: FloatArray = np.zeros((4, size))
     state[0] = load[0] / motion.stiffness[0]
     history, force = np.empty((len(times), 4, size)), np.zeros((len(times), 3))

@@ -43,16 +43,17 @@ class TipDynamics:
 
 
 def tip_dynamics(
-    matrices: tuple[FloatArray, FloatArray, FloatArray], forced: FloatArray, seen: FloatArray | None = None
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, *, forced: FloatArray, seen: FloatArray | None = None
 ) -> TipDynamics:
     """First-order form of a second-order system.
 
     Args:
-        matrices: Mass, damping and stiffness ``(c, c)``.
+        mass: ``(c, c)``.
+        damping: ``(c, c)``.
+        stiffness: ``(c, c)``.
         forced: ``(r, c)`` motion of the tip per coordinate, in the directions of the force.
         seen: ``(p, c)`` in the directions that change the chip; by default the same.
     """
-    mass, damping, stiffness = matrices
     seen = forced if seen is None else seen
     size = len(mass)
     inverse = np.linalg.inv(mass)

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,16 +205,23 @@ def measure_zones(
     """
     (first, first_end), (second, second_end) = move.zones
     last, ahead = float(found.times[-1]), max(second, first_end)
-    zones = (
-        (first, first_end, min(first_end + ring_down, ahead), ahead),
-        (second, second_end, min(second_end + ring_down, last), last),
+    return (
+        _measure(found, raw, output, _Zone(first, first_end, min(first_end + ring_down, ahead), ahead)),
+        _measure(found, raw, output, _Zone(second, second_end, min(second_end + ring_down, last), last)),
     )
-    early, late = (_measure(found, raw, output, zone) for zone in zones)
-    return early, late
 
 
-def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: tuple[float, float, float, float]) -> ZoneFigures:
-    begin, ramp_end, end, limit = zone
+class _Zone(NamedTuple):
+    """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing else moves the machine."""
+
+    begin: float
+    ramp_end: float
+    end: float
+    limit: float
+
+
+def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: _Zone) -> ZoneFigures:
+    begin, ramp_end, end = zone.begin, zone.ramp_end, zone.end
     slack = 1e-9 * float(found.times[1] - found.times[0])
 
     def within(start: float, stop: float) -> slice:
@@ -235,20 +242,19 @@ def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: tuple[
         quasi_static=_largest(raw.quasi_static[within(begin, ramp_end - 2.0 * slack), output]),
         dynamic=float(np.abs(found.dynamic[whole, output]).max()),
         rms=float(np.sqrt(np.mean(values**2))),
-        settling=_settle(raw, output, (begin, ramp_end, limit)),
+        settling=_settle(raw, output, zone),
     )
 
 
-def _settle(raw: PathDeviation, output: int, zone: tuple[float, float, float]) -> float | None:
+def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
     """Time after a ramp from which the ringing stays small until the next ramp or the end; None when it does not."""
-    begin, ramp_end, limit = zone
-    first, ended, last = np.searchsorted(raw.times, [begin, ramp_end, limit - 1e-9])
+    first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])
     ringing = np.abs(raw.dynamic[first:last, output])
     loud = np.flatnonzero(ringing > BAND * ringing.max(initial=0.0))
     if not len(loud) or first + loud[-1] < ended:
         return 0.0
     following = first + int(loud[-1]) + 1
-    return None if following >= last else float(raw.times[following] - ramp_end)
+    return None if following >= last else float(raw.times[following] - zone.ramp_end)
 
 
 def _largest(values: FloatArray) -> float:

@@ -145,7 +145,7 @@ def make_case(case: TargetCase, parametric: ParametricScene, pose: Pose, paramet
         parameters: All parameters of the fit.
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
-    watched |= {port[0] for target in case.compliances for port in (target.motion, target.force)}
+    watched |= {port.observer for target in case.compliances for port in (target.motion, target.force)}
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
 
@@ -168,7 +168,7 @@ def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
         return None
     modes = slope_modes(state.slopes, pieces, state.squares, state.shapes)
     compliances = [
-        slope_point_compliance(state.slopes, pieces, (target.motion, target.force), state.answers[:, 2 * i : 2 * i + 2])
+        slope_point_compliance(state.slopes, pieces, state.answers[:, 2 * i : 2 * i + 2], motion=target.motion, force=target.force)
         for i, target in enumerate(state.model.case.compliances)
     ]
     return CaseSlope(slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces)
@@ -185,7 +185,7 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     forces = np.column_stack([slope.modes.forces[:, index] for slope in slopes])
     terms = np.array([slope.modes.mass_terms[index] for slope in slopes])
     system = state.coupled.system
-    turned = slope_shape(system.stiffness, system.mass, state.squares, state.shapes, index, (forces, terms))
+    turned = slope_shape(system.stiffness, system.mass, state.squares, state.shapes, index, forces=forces, mass_terms=terms)
     return np.asarray(state.coupled.basis @ turned + np.column_stack([slope.modes.carried[:, index] for slope in slopes]))
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings, suggest_names
@@ -147,7 +148,8 @@ def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> 
 
 def _read_compliance(case: str, table: ComplianceTargetTable, spread: float, hold_out: bool) -> ComplianceTarget:
     sigma = (_relative(table.tolerance, table.value) or spread) / table.weight**0.5
-    motion, force = (table.point, "xyz".index(table.motion)), (table.force_at or table.point, "xyz".index(table.force))
+    motion = ObservedDof(table.point, "xyz".index(table.motion))
+    force = ObservedDof(table.force_at or table.point, "xyz".index(table.force))
     name = f"{case} {table.point} d{table.motion}/F{table.force}" + (f" at {table.force_at}" if table.force_at else "")
     return ComplianceTarget(name, motion, force, table.value, sigma, table.either_sign, table.hold_out or hold_out)
 

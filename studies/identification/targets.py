@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension
 
@@ -46,8 +47,8 @@ class ComplianceTarget:
 
     Attributes:
         name: For reports.
-        motion: Observer and dof (0..2) of the motion.
-        force: Observer and dof of the force.
+        motion: That is measured, along x, y or z.
+        force: That acts.
         value: [m/N].
         sigma: Standard deviation relative to the value, weight counted.
         either_sign: Only its size was measured.
@@ -55,8 +56,8 @@ class ComplianceTarget:
     """
 
     name: str
-    motion: tuple[str, int]
-    force: tuple[str, int]
+    motion: ObservedDof
+    force: ObservedDof
     value: float
     sigma: float
     either_sign: bool = False

@@ -191,10 +191,9 @@ def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
 
 def _at_rest(model: CompliantMechanism, state: FloatArray, give: FloatArray, force: FloatArray) -> PartitionedDynamics:
     still = np.zeros(len(model.mechanism.driven))
-    placed = compose_state(model.mechanism, state[model.mechanism.driven_slice], give, state)
-    return partition_dynamics(
-        model, placed, Drive(placed[0][model.mechanism.driven_slice], still, still), np.zeros_like(give), force
-    )
+    closed, kinematics = compose_state(model.mechanism, state[model.mechanism.driven_slice], give, state)
+    drive = Drive(closed[model.mechanism.driven_slice], still, still)
+    return partition_dynamics(model, closed, kinematics, drive, rates=np.zeros_like(give), force=force)
 
 
 def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray) -> FloatArray:

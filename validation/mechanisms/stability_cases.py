@@ -60,8 +60,8 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
 def one_mode() -> TipDynamics:
     """The single mode of the published case."""
     omega = 2.0 * np.pi * HZ
-    matrices = (np.array([[MASS]]), np.array([[2.0 * ZETA * omega * MASS]]), np.array([[MASS * omega**2]]))
-    return tip_dynamics(matrices, np.eye(1))
+    mass, damping, stiffness = MASS * np.eye(1), 2.0 * ZETA * omega * MASS * np.eye(1), MASS * omega**2 * np.eye(1)
+    return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
 
 
 def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray:

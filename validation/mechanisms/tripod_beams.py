@@ -57,31 +57,32 @@ class ElasticLeg:
 
 
 def solve_tripod(
-    legs: tuple[ElasticLeg, ...], platform: tuple[RigidPart, ...], frame: tuple[RigidPart, FloatArray], count: int
+    legs: tuple[ElasticLeg, ...], platform: tuple[RigidPart, ...], frame: RigidPart, *, frame_stiffness: FloatArray, count: int
 ) -> FloatArray:
     """Lowest natural frequencies ``(count,)`` [Hz].
 
     Args:
         legs: In the pose.
         platform: Rigid bodies that move as one.
-        frame: What the base joints stand on, and its stiffness ``(3,)`` along x, y, z [N/m], infinite where it is held; it does not turn.
+        frame: What the base joints stand on; it does not turn.
+        frame_stiffness: ``(3,)`` along x, y, z [N/m], infinite where it is held.
         count: How many.
     """
     origin = platform[0].center
     grids = [_leg_grid(leg) for leg in legs]
     size = 12 + sum(6 + 6 * len(grid) for grid in grids)
     mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
-    mass[FRAME, FRAME] = _rigid_mass(frame[0], frame[0].center)
+    mass[FRAME, FRAME] = _rigid_mass(frame, frame.center)
     mass[PLATFORM, PLATFORM] = sum((_rigid_mass(part, origin) for part in platform), np.zeros((6, 6)))
-    springy = np.isfinite(frame[1])
-    stiffness[range(3), range(3)] = np.where(springy, frame[1], 0.0)
+    springy = np.isfinite(frame_stiffness)
+    stiffness[range(3), range(3)] = np.where(springy, frame_stiffness, 0.0)
     rows = [np.eye(6, size)[[*np.flatnonzero(~springy), 3, 4, 5]]]
     start = 12
     for leg, grid in zip(legs, grids, strict=True):
         sleeve, nodes = slice(start, start + 6), slice(start + 6, start + 6 + 6 * len(grid))
         mass[sleeve, sleeve] = _rigid_mass(leg.sleeve, leg.base)
         mass[nodes, nodes], stiffness[nodes, nodes] = _leg_matrices(leg, grid)
-        rows += [_base_rows(leg, sleeve, size, frame[0].center), _slide_rows(leg, grid, (sleeve, nodes), size)]
+        rows += [_base_rows(leg, sleeve, size, frame.center), _slide_rows(leg, grid, size, sleeve=sleeve, nodes=nodes)]
         held, sprung = _tip_rows(leg, grid, nodes, size, origin)
         rows.append(held)
         stiffness += sprung.T @ (np.array(leg.springs)[:, None] * sprung)
@@ -181,9 +182,8 @@ def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArr
     return np.vstack([rows, turned])
 
 
-def _slide_rows(leg: ElasticLeg, grid: FloatArray, where: tuple[slice, slice], size: int) -> FloatArray:
+def _slide_rows(leg: ElasticLeg, grid: FloatArray, size: int, *, sleeve: slice, nodes: slice) -> FloatArray:
     """The sleeve moves as the leg does in the mean over its length, and turns as the straight line that fits the leg best."""
-    sleeve, nodes = where
     inside = np.flatnonzero((grid >= _hold(leg)[0] - 1e-12) & (grid <= _hold(leg)[1] + 1e-12))
     arms = grid[inside] - grid[inside].mean()
     slopes = 12.0 * SIMPSON * arms / leg.carriage**2

@@ -43,7 +43,9 @@ def test_shape_slopes_are_those_of_fourth_order_differences(seed: int) -> None:
     for index in (0, 4, 8):
         shape = shapes[:, index]
         force = (stiffness_slope - squares[index] * mass_slope) @ shape
-        slope = slope_shape(stiffness, mass, squares, shapes, index, (force[:, None], np.array([shape @ mass_slope @ shape])))
+        slope = slope_shape(
+            stiffness, mass, squares, shapes, index, forces=force[:, None], mass_terms=np.array([shape @ mass_slope @ shape])
+        )
         expected = np.zeros(9)
         for reach, weight in STENCIL:
             moved = modes(stiffness + reach * STEP * stiffness_slope, mass + reach * STEP * mass_slope)[1][:, index]
@@ -58,7 +60,9 @@ def test_shapes_of_a_repeated_eigenvalue_change_as_a_plane() -> None:
     squares, shapes = modes(stiffness, mass)
     slopes = np.column_stack(
         [
-            slope_shape(stiffness, mass, squares, shapes, index, ((change @ shapes[:, index])[:, None], np.zeros(1)))[:, 0]
+            slope_shape(
+                stiffness, mass, squares, shapes, index, forces=(change @ shapes[:, index])[:, None], mass_terms=np.zeros(1)
+            )[:, 0]
             for index in (0, 1)
         ]
     )

@@ -50,8 +50,9 @@ def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
     def load(give: FloatArray) -> FloatArray:
         still = np.zeros((len(states), 5))
         driven = states[:, model.mechanism.driven_slice]
-        placed = compose_state(model.mechanism, driven, np.broadcast_to(give, (len(states), 6)), states)
-        return partition_dynamics(model, placed, Drive(driven, still, still), np.zeros((len(states), 6)), np.zeros(3)).load
+        state, kinematics = compose_state(model.mechanism, driven, np.broadcast_to(give, (len(states), 6)), states)
+        drive, rates = Drive(driven, still, still), np.zeros((len(states), 6))
+        return partition_dynamics(model, state, kinematics, drive, rates=rates, force=np.zeros(3)).load
 
     step = 1e-5
     slopes = np.stack([(load(step * unit) - load(-step * unit)) / (2.0 * step) for unit in np.eye(6)], axis=-1)

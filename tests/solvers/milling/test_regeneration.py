@@ -81,7 +81,11 @@ def test_waves_grow_where_the_multiplier_says_so_and_end_in_a_limit_cycle(depth:
     motion, cut = machine(), cut_of(depth)
     omega = 2.0 * np.pi * HZ
     tip = tip_dynamics(
-        (MASS * np.eye(2), 2.0 * ZETA * omega * MASS * np.eye(2), MASS * omega**2 * np.eye(2)), np.eye(3)[:, :2], np.eye(2)
+        MASS * np.eye(2),
+        2.0 * ZETA * omega * MASS * np.eye(2),
+        MASS * omega**2 * np.eye(2),
+        forced=np.eye(3)[:, :2],
+        seen=np.eye(2),
     )
     multiplier = largest_multiplier(tip, milling_gains(cut, 96), cut.tooth_period)
     moved, force = march(cut, motion, motion.load)
