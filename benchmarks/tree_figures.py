@@ -207,8 +207,8 @@ def _find_unpacked(node: Function) -> Iterator[str]:
     for made in (inner for inner in ast.walk(node) if isinstance(inner, ast.Assign)):
         target, value = made.targets[0], made.value
         several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-        pairs = zip(target.elts, value.elts, strict=False) if several else [(target, value)]
-        for names, source in pairs:
+        targets, values = (list(ast.iter_child_nodes(each)) if several else [each] for each in (target, value))
+        for names, source in zip(targets, values, strict=False):
             if isinstance(names, ast.Tuple) and isinstance(source, ast.Name) and not VECTOR.fullmatch(notes.get(source.id, "list")):
                 yield f"{ast.unparse(names)} = {source.id}"
 

@@ -259,7 +259,8 @@ def _file_skin(state: RunState, component: Component) -> Skin | None:
         # no number depends on it
         state.warn(f"component {component.name!r} is drawn as a block of equal inertia: {error}")
         return None
-    state.warn(write_entry(state.store, key, skin))
+    if skin is not None:
+        state.warn(write_entry(state.store, key, skin))
     return skin
 
 
