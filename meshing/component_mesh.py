@@ -70,7 +70,7 @@ class SurfaceGaps:
     Attributes:
         facets: ``(n, nodes per facet)`` facets on curved faces.
         volumes: ``(n, q)`` volume between each facet and its face, shared out among the facet's quadrature places
-            (``surface_gaps.PLACES`` along each side) [m^3]; positive where the mesh cuts the part short.
+            (``elements.surface.PLACES`` along each side) [m^3]; positive where the mesh cuts the part short.
     """
 
     facets: IntArray

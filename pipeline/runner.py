@@ -36,6 +36,8 @@ from headstock.scene.scene import Scene
 from headstock.solvers.ranks import share_from_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
+# stages of the machine; those of a component are in `COMPONENT_STAGES` of stages/components.py and run first, `write` is in
+# `run_scene`, and `refine` is what accuracy/search.py records of a round
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "couple": run_couple_stage,
     "static": run_static_stage,

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, new_figure, read_pixels
+from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.comparison import alike_rigid_modes, list_points, row_frequencies
-from headstock.app.texts.error_texts import show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.views import COLORS
 from headstock.studies.comparison import ComparisonSummary

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from headstock.app.report import svg
 from headstock.app.report.viewer_data import script_json
+from headstock.app.texts.bounded_values import raise_digits
 from headstock.app.texts.curves import (
     MOST_FIELDS,
     broken_phase,
@@ -21,7 +22,6 @@ from headstock.app.texts.curves import (
     response_unit,
     round_ticks,
 )
-from headstock.app.texts.error_texts import raise_digits
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.frf import ResponseCurves
 from headstock.pipeline.results.views import COLORS

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from headstock.app.texts.error_texts import accuracy_words
+from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.results.summary import RunSummary
 
 

@@ -18,8 +18,7 @@ from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.texts.curves import overlaid_responses
-from headstock.app.texts.error_texts import (
+from headstock.app.texts.bounded_values import (
     error_words,
     largest_shares,
     raise_digits,
@@ -32,6 +31,7 @@ from headstock.app.texts.error_texts import (
     show_damping_error,
     show_size,
 )
+from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.tables import (
     COMPONENT_COLUMNS,
     DRIVE_COLUMNS,

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from headstock.app.terminal.console import make_console, make_table, print_table, spaced
+from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.app.texts.comparison import (
     STEP_NAMES,
     alike_rigid_modes,
@@ -16,7 +17,6 @@ from headstock.app.texts.comparison import (
     row_frequencies,
     variant_error_words,
 )
-from headstock.app.texts.error_texts import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.studies.comparison import CellSummary, ComparisonSummary, EffortSummary, VariantSummary
 

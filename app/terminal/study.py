@@ -9,7 +9,7 @@ from rich.console import Console
 
 from headstock.app.terminal.console import add_row, make_console, make_table, print_remarks, print_table, spaced
 from headstock.app.terminal.ladder import ClaimListing
-from headstock.app.texts.error_texts import show_bound, show_bounded
+from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.tables import Cell, PlainTable, encode_csv
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlValue

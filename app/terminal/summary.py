@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table, spaced
-from headstock.app.texts.error_texts import (
+from headstock.app.texts.bounded_values import (
     accuracy_words,
     error_words,
     largest_shares,

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_remarks, print_table
-from headstock.app.texts.error_texts import show_bound
+from headstock.app.texts.bounded_values import show_bound
 from headstock.app.texts.sweep_quantities import sampled_error_words
 from headstock.geometry.frames import FloatArray
 from headstock.scene.studies import describe_positions, moving_axes

@@ -1,6 +1,6 @@
 """Variants side by side in words and rows: which modes are alike, where errors come from, tables for CSV files."""
 
-from headstock.app.texts.error_texts import bound_size, error_words, largest_shares, show_size
+from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
 from headstock.app.texts.tables import PlainTable, encode_csv
 from headstock.geometry.frames import DIRECTIONS
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE

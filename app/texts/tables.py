@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from headstock.app.texts.bounded_values import bound_size, show_damping, show_digits
 from headstock.app.texts.curves import RATES, name_entry
-from headstock.app.texts.error_texts import bound_size, show_damping, show_digits
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.results.contouring import SeriesSummary
 from headstock.pipeline.results.control import DriveSummary, PoleSummary

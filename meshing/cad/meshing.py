@@ -364,6 +364,7 @@ def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
 
 
 def _collect(job: MeshJob, volume: int, faces: dict[str, list[int]], properties: SolidProperties, size: float) -> MeshData:
+    # straight cells are raised to the second order, and checked, by `finish_mesh` in the parent process
     order = 1 if job.straight else job.order
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)

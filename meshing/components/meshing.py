@@ -13,7 +13,7 @@ from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solid_checks import find_solid_faults
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, StepFile, SuperelementFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.checks import finish_mesh, patch_moments
+from headstock.meshing.components.finishing import finish_mesh, patch_moments
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError
@@ -255,7 +255,7 @@ def run_shape_job(
     component: Component,
     groups: Groups,
     *,
-    task: Literal["shape", "describe", "estimate"] = "shape",
+    task: Literal["mesh", "describe", "estimate"] = "mesh",
     time_limit: float,
     refinement: float = 1.0,
 ) -> MeshData:
@@ -276,7 +276,7 @@ def run_shape_job(
 
 
 def _shape_job(
-    component: Component, groups: Groups, *, task: Literal["shape", "describe", "estimate"], refinement: float = 1.0
+    component: Component, groups: Groups, *, task: Literal["mesh", "describe", "estimate"], refinement: float = 1.0
 ) -> MeshJob:
     """What the child process is to do; the same for components of the same shape, patches and mesh settings."""
     solid = component.solid

@@ -13,7 +13,7 @@ from headstock.meshing.errors import MeshError
 from headstock.meshing.files.abaqus import AbaqusDeck, deck_positions, read_abaqus_deck
 from headstock.meshing.files.cells import guard_reader, kinds_message, order_hex27_faces, vtk_to_gmsh
 from headstock.meshing.process.job import MeshData, MeshJob
-from headstock.meshing.process.worker import serve_job
+from headstock.meshing.process.serving import serve_job
 
 MESHIO_KINDS: dict[str, CellKind] = {
     "tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8", "hexahedron20": "hex20", "hexahedron27": "hex27",

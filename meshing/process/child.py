@@ -8,10 +8,11 @@ from pathlib import Path
 
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.errors import MeshError, PartFileError
-from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded
+from headstock.meshing.process.guarded import ChildEnd, ChildLimits, run_guarded_child
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
-from headstock.meshing.process.worker import BAD_FILE, REFUSED
+from headstock.meshing.process.serving import BAD_FILE, REFUSED
 
+# what answers in the child: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
 GMSH_WORKER = "headstock.meshing.cad.worker"
 FOREIGN_WORKER = "headstock.meshing.files.foreign"
 MESH_FILES = {".msh": GMSH_WORKER, ".inp": FOREIGN_WORKER, ".bdf": FOREIGN_WORKER, ".nas": FOREIGN_WORKER}
@@ -54,7 +55,7 @@ def run_job(job: MeshJob, *, what: str, time_limit: float, memory_bytes: int = M
             limits = _limit_reading(limits, path)
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as result:
-        end = run_guarded(worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result)
+        end = run_guarded_child(worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result)
         if end.code == 0:
             result.seek(0)
             return read_data(result)

@@ -114,7 +114,7 @@ class ChildEnd:
         return f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted" if bound else None
 
 
-def run_guarded(
+def run_guarded_child(
     module: str,
     words: Sequence[str],
     *,
@@ -163,7 +163,7 @@ def run_guarded(
 
 
 def accept_guard(arguments: Sequence[str]) -> list[str]:
-    """Take the guard that `run_guarded` wrote as the first argument; call it once everything is imported and nothing is read.
+    """Take the guard that `run_guarded_child` wrote as the first argument; call it once everything is imported and nothing is read.
 
     Returns:
         The other arguments.

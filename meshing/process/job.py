@@ -29,7 +29,7 @@ class MeshJob:
     """What the child process is to do; lengths in the job's own unit.
 
     Attributes:
-        task: ``shape`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
+        task: ``mesh`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also mesh its surface to
             count cells), ``faces`` (list and triangulate its faces) or
             ``file`` (read a finished mesh).
         solid: What is meshed or read.
@@ -46,7 +46,7 @@ class MeshJob:
         straight: Leave second-order edges straight: the parent elevates the mesh.
     """
 
-    task: Literal["shape", "describe", "estimate", "faces", "file"]
+    task: Literal["mesh", "describe", "estimate", "faces", "file"]
     solid: JobSolid
     groups: dict[str, list[Patch]] = field(default_factory=dict)
     unit: float = 1.0

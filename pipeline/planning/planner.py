@@ -1,4 +1,4 @@
-"""From a scene to the stages it calls for, each with its reason; nothing else is ever run.
+"""From a scene to the stages it calls for, each with its reason; no other stage is ever run.
 
 Rules: a rigid component is never meshed; a static analysis needs constraint modes and no eigenpairs; mass is assembled only when a
 dynamic analysis or gravity asks for it; fixed-interface modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times

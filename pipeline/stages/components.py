@@ -131,7 +131,7 @@ def make_superelements(
 
 
 def _run_mesh_stage(state: RunState, stage: Stage) -> Outcome:
-    """Mesh a component, unless its superelement or its mesh is in the store; every rank gets the mesh it will need."""
+    """Fetch a component's superelement from the store, else its mesh, else mesh it; every rank gets the mesh it will need."""
     component = _component(state, stage)
     outcome = Outcome()
     mesh: ComponentMesh | None = None
@@ -151,6 +151,7 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
     """Assemble and reduce a component on all ranks, unless its superelement is in the store."""
     component = _component(state, stage)
     if component.name not in state.meshes:
+        # the mesh stage made none, as it found the superelement in the store
         return Outcome(cached=True, detail=_describe(state.reduced[component.name].superelement) if state.is_root else "")
     mesh = state.meshes.pop(component.name)
     supports, loads = component_supports(state, component), component_loads(state, component)

@@ -1,4 +1,4 @@
-"""What moves freely in a machine, from rigid bodies and joints alone: known before anything is meshed."""
+"""What moves freely in a machine, from rigid bodies and joints alone: known before anything is planned or meshed."""
 
 import dataclasses
 

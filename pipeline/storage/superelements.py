@@ -16,7 +16,7 @@ import scipy.linalg
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
-from headstock.meshing.process.guarded import ChildLimits, accept_guard, run_guarded
+from headstock.meshing.process.guarded import ChildLimits, accept_guard, run_guarded_child
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.records import RecordError, read_record, require_plain, write_record, write_words
@@ -114,7 +114,7 @@ def _probe(content: bytes, name: str) -> None:
     size = len(content)
     more = size // 10_000_000
     limits = ChildLimits(MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more)
-    end = run_guarded(PROBE, [name], limits=limits, stdin=content)
+    end = run_guarded_child(PROBE, [name], limits=limits, stdin=content)
     if end.code == 0:
         return
     message = end.last_line

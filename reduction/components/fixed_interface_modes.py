@@ -68,7 +68,9 @@ def find_fixed_interface_modes(solver: ConstrainedSolver, target: ModeTarget | N
         pairs = _dense_modes(solver, target)
     else:
         start = _start_block(solver, _block_width(target))
-        pairs = lowest_eigenpairs(solver.apply, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension)
+        pairs = lowest_eigenpairs(
+            solver.apply_inverse, solver.operators.apply_mass, start, target, comm=solver.comm, dimension=dimension
+        )
     cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
     if not pairs.complete:
         remarks = (
@@ -224,7 +226,7 @@ def measure_truncation(solver: ConstrainedSolver, psi: FloatArray, modes: FixedI
     if not np.isfinite(modes.cutoff_hz):
         return Truncation(np.zeros((boundary, boundary)), np.zeros((boundary, boundary)), np.inf)
     weighted = operators.apply_mass(psi)
-    rest = solver.apply(weighted)
+    rest = solver.apply_inverse(weighted)
     if modes.shapes.shape[1]:
         rest -= modes.shapes @ (solver.product(modes.shapes, weighted) / modes.eigenvalues[:, None])
     # K rest is M psi less what lies along the modes kept and what holds the interfaces, and rest is free of both

@@ -9,7 +9,13 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.reduction.coupling.dof_layout import DofLayout, label_dofs, lay_out_dofs, scale_dofs, split_constraints, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
-from headstock.reduction.coupling.joint_springs import JointSpring, floating_groups, grade_springs, place_joints, reduce_spring
+from headstock.reduction.coupling.joint_springs import (
+    PlacedJoint,
+    express_in_free_coordinates,
+    floating_groups,
+    grade_springs,
+    place_joints,
+)
 from headstock.reduction.coupling.matrices import (
     ComponentMatrices,
     CouplingMemo,
@@ -48,7 +54,7 @@ class CoupledMachine:
     basis: FloatArray
     layout: DofLayout
     matrices: ComponentMatrices
-    joint_springs: tuple[JointSpring, ...]
+    joint_springs: tuple[PlacedJoint, ...]
     loads: dict[str, FloatArray]
     floating: tuple[tuple[str, ...], ...]
     redundant_constraints: int
@@ -99,7 +105,7 @@ def couple(
     constraints, sources = _constraint_rows(layout, springs)
     grading = grade_springs(springs, layout, matrices.stiffnesses)
     elimination = eliminate_constraints(constraints, grading.group_rows(springs), scale_dofs(layout))
-    reduced = tuple(reduce_spring(spring, elimination) for spring in springs)
+    reduced = tuple(express_in_free_coordinates(spring, elimination) for spring in springs)
     basis = elimination.basis
     floating = floating_groups(machine, {name: part.supported for name, part in superelements.items()})
     ports = machine_ports(layout, machine, basis, memo.ports)
@@ -130,7 +136,7 @@ def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -
     return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
 
 
-def _constraint_rows(layout: DofLayout, springs: tuple[JointSpring, ...]) -> tuple[FloatArray, tuple[str, ...]]:
+def _constraint_rows(layout: DofLayout, springs: tuple[PlacedJoint, ...]) -> tuple[FloatArray, tuple[str, ...]]:
     """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first: joints count as redundant.
 
     A dof of an interface that its component does not feel (the rotation of a line about itself) is held only if no joint

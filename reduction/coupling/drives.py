@@ -12,7 +12,7 @@ from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import motion_rows
-from headstock.reduction.coupling.joint_springs import JointSpring
+from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.solvers.control.drive_trains import DriveTrain, count_coordinates, free_motors
 from headstock.solvers.errors import ModelError
 
@@ -53,7 +53,7 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     )
 
 
-def _place_drive(coupled: CoupledMachine, machine: Machine, drive: Drive, spring: JointSpring) -> DriveTrain:
+def _place_drive(coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint) -> DriveTrain:
     joint, axis = machine.joints[drive.joint], machine.axes[drive.axis]
     stiffness = float(spring.stiffness[0, 0])
     if 0 in spring.held or not stiffness > 0.0:
@@ -91,7 +91,7 @@ def _place_drive(coupled: CoupledMachine, machine: Machine, drive: Drive, spring
     )
 
 
-def _thread_row(spring: JointSpring) -> FloatArray:
+def _thread_row(spring: PlacedJoint) -> FloatArray:
     """Motion that stretches a screw: along it, less what turns of the nut do along the thread."""
     return np.asarray(spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows)
 
@@ -116,5 +116,5 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
     return np.asarray(row if carries_tool else -row)
 
 
-def _pad_spring(spring: JointSpring, added: int) -> JointSpring:
+def _pad_spring(spring: PlacedJoint, added: int) -> PlacedJoint:
     return dataclasses.replace(spring, rows=np.hstack([spring.rows, np.zeros((6, added))]))

@@ -84,15 +84,16 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
 
 
 @dataclass(frozen=True, eq=False)
-class JointSpring:
+class PlacedJoint:
     """A joint as placed in a pose.
 
     Attributes:
         name: Joint name.
-        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint point.
+        rows: ``(6, n)`` motion of its second end relative to its first, in joint axes, at the joint point: of all stacked dofs as
+            placed, of the free coordinates in a ``CoupledMachine``.
         stiffness: ``(6, 6)`` in joint axes.
         damping: ``(6, 6)`` in joint axes.
-        held: Joint dofs without relative motion.
+        held: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
         frame: Joint point and joint axes in the machine frame.
     """
 
@@ -123,7 +124,7 @@ class SpringDirection:
     level: float
 
 
-def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSpring:
+def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoint:
     """Joint point, joint axes and relative-motion rows of a joint in a pose.
 
     Args:
@@ -146,11 +147,11 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> JointSprin
     except ModelError as error:
         raise ModelError(f"joint {joint.name!r}: {error}") from error
     rows = rotate_dofs(frame.rotation).T @ (second - first)
-    spring = JointSpring(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
+    spring = PlacedJoint(joint.name, rows, joint.stiffness, joint.damping, tuple(joint.held), frame)
     return spring if joint.screw is None else _place_shaft(joint, joint.screw, spring, layout)
 
 
-def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: JointSpring, layout: DofLayout) -> JointSpring:
+def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: PlacedJoint, layout: DofLayout) -> PlacedJoint:
     """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the axial motion."""
     axis = spring.frame.rotation[:, 0]
     bearing = joint.ends[1] if shaft.reach is None else shaft.reach
@@ -164,7 +165,7 @@ def _place_shaft(joint: Joint, shaft: ScrewShaft, spring: JointSpring, layout: D
     return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
 
 
-def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirection, ...]:
+def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
     """Independent springs that together make up a joint's stiffness; directions without stiffness are left out.
 
     Args:
@@ -188,7 +189,7 @@ def principal_springs(spring: JointSpring, length: float) -> tuple[SpringDirecti
     return tuple(result)
 
 
-def reduce_spring(spring: JointSpring, elimination: Elimination) -> JointSpring:
+def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
     """The same joint with its rows in free coordinates; held rows, and what is roundoff, exactly zero."""
     # a joint sees the dofs of two bodies only
     seen = np.flatnonzero(spring.rows.any(axis=0))
@@ -199,7 +200,7 @@ def reduce_spring(spring: JointSpring, elimination: Elimination) -> JointSpring:
     return dataclasses.replace(spring, rows=rows)
 
 
-def place_joints(machine: Machine, layout: DofLayout) -> tuple[JointSpring, ...]:
+def place_joints(machine: Machine, layout: DofLayout) -> tuple[PlacedJoint, ...]:
     """Every joint of a machine in a pose."""
     return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
 
@@ -290,13 +291,13 @@ class SpringGrading:
     warnings: tuple[str, ...]
     deformations: tuple[FloatArray, ...] = ()
 
-    def group_rows(self, springs: Sequence[JointSpring]) -> list[FloatArray]:
+    def group_rows(self, springs: Sequence[PlacedJoint]) -> list[FloatArray]:
         """Rows ``(m_g, n_all)`` of each group, deformations of components first."""
         rows = {spring.name: spring.rows for spring in springs}
         return [*self.deformations, *(np.array([part.direction @ rows[part.joint] for part in group]) for group in self.groups)]
 
 
-def grade_springs(springs: Sequence[JointSpring], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]) -> SpringGrading:
+def grade_springs(springs: Sequence[PlacedJoint], layout: DofLayout, stiffnesses: Mapping[str, FloatArray]) -> SpringGrading:
     """Sort the springs of all joints by stiffness, rotational ones over the square of a length of the machine.
 
     Args:
@@ -344,7 +345,7 @@ def _stiff_deformations(layout: DofLayout, stiffnesses: Mapping[str, FloatArray]
     return (np.vstack(blocks),) if blocks else ()
 
 
-def _acts(spring: JointSpring, part: SpringDirection) -> bool:
+def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:
     """Whether a spring is stretched by any motion at all; one across a single rigid body is not."""
     return bool(np.any(part.direction @ spring.rows))
 

@@ -13,7 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.reduction.coupling.dof_layout import DofLayout, clean_stiffness, turn_dofs
 from headstock.reduction.coupling.elimination import Elimination
-from headstock.reduction.coupling.joint_springs import JointSpring, SpringGrading
+from headstock.reduction.coupling.joint_springs import PlacedJoint, SpringGrading
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 
@@ -92,7 +92,7 @@ def sum_stiffness(
     layout: DofLayout,
     matrices: ComponentMatrices,
     elimination: Elimination,
-    springs: Sequence[JointSpring],
+    springs: Sequence[PlacedJoint],
     grading: SpringGrading,
     weights: Mapping[str, float] | None = None,
     memo: CouplingMemo | None = None,
@@ -133,7 +133,7 @@ def sum_hysteretic(
     layout: DofLayout,
     matrices: ComponentMatrices,
     elimination: Elimination,
-    springs: Sequence[JointSpring],
+    springs: Sequence[PlacedJoint],
     grading: SpringGrading,
     loss_factors: Mapping[str, float],
 ) -> FloatArray | None:
@@ -172,7 +172,7 @@ def _recall_sum(
 
 
 def sum_damping(
-    layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, springs: Sequence[JointSpring]
+    layout: DofLayout, matrices: ComponentMatrices, basis: FloatArray, springs: Sequence[PlacedJoint]
 ) -> FloatArray | None:
     """Viscous damping ``(n, n)`` of components and joints, or None without any.
 
@@ -191,7 +191,7 @@ def sum_damping(
     return _symmetric_if(total, all(np.array_equal(s.damping, s.damping.T) for s in dampers))
 
 
-def _add_spring(total: FloatArray, spring: JointSpring, matrix: FloatArray) -> None:
+def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> None:
     """Add ``R^T A R`` to the dofs that a joint sees."""
     seen = np.flatnonzero(spring.rows.any(axis=0))
     acting = spring.rows[:, seen]

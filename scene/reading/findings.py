@@ -61,7 +61,7 @@ class Findings:
 
     Attributes:
         path: Scene file as the user wrote it.
-        text: Its lines.
+        lines: Of the file.
         origins: Where each key path came from.
         problems: Found so far, with the line they sort by.
         warnings: Found so far.

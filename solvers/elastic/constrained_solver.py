@@ -62,7 +62,7 @@ class ConstrainedSolver:
         """``left^T right`` summed over the ranks."""
         return sum_over_ranks(self.comm, left.T @ right)
 
-    def apply(self, loads: FloatArray) -> FloatArray:
+    def apply_inverse(self, loads: FloatArray) -> FloatArray:
         """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use inside an eigensolver."""
         return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))[0]
 

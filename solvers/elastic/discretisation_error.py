@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.meshing.elements.quadratic import straight_cells
 from headstock.meshing.elements.quality import facet_moments, facet_tables
-from headstock.meshing.elements.second_order import straight_cells
 from headstock.meshing.elements.surface import PLACES, extract_surface
 from headstock.meshing.elements.topology import FACETS, Family, cell_family, cell_order, shape_functions
 from headstock.solvers.elastic.patch_recovery import (

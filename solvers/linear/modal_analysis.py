@@ -44,7 +44,7 @@ class ModalResult:
 
 
 def solve_modal(system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None) -> ModalResult:
-    """Natural frequencies and mass-normalised shapes of the undamped system.
+    """Natural frequencies and mass-normalised shapes of the undamped system; what a run calls (sweeps: ``solve_lowest_modes``).
 
     Args:
         system: Mass and stiffness must be symmetric and positive semidefinite; damping is left out.

@@ -39,11 +39,12 @@ class ModalPairs:
 def solve_symmetric_modes(
     stiffness: FloatArray, mass: FloatArray, *, wanted: int | None = None, up_to: float | None = None
 ) -> ModalPairs:
-    """All eigenpairs of ``K x = omega^2 M x`` for symmetric positive semidefinite matrices.
+    """The lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive semidefinite matrices.
 
-    The pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small stiffnesses beside
-    large ones (K is graded, not ill-conditioned), and the largest mu, the lowest modes, come out to machine precision. Where
-    that does not do (rigid-body modes, massless dofs, a wide spread) the careful path takes over.
+    Few modes of a large sparse pencil are sought by Lanczos (``lowest_sparse_modes``). Else the pencil is solved as
+    ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small stiffnesses beside large ones (K is graded, not
+    ill-conditioned), and the largest mu, the lowest modes, come out to machine precision. Where that does not do (rigid-body
+    modes, massless dofs, a wide spread) the careful path takes over.
 
     Args:
         stiffness: ``(n, n)``.

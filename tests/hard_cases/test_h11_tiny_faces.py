@@ -10,7 +10,7 @@ import pytest
 
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
-from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import estimate_cells, mesh_component
 from headstock.meshing.errors import MeshError
 

@@ -11,7 +11,7 @@ import pytest
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
-from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import describe_component, estimate_cells, mesh_component
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError

@@ -9,7 +9,7 @@ import pytest
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
-from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import describe_component, estimate_cells, estimate_mesh, mesh_component
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError

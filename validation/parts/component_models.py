@@ -108,7 +108,9 @@ def full_modes(model: FullModel, count: int) -> FullModes:
     with ConstrainedSolver(operators, model.owned_held, constraints) as solver:
         dimension = solver.free_total - constraints.shape[1]
         target = ModeTarget(count=min(count, dimension))
-        pairs = lowest_eigenpairs(solver.apply, operators.apply_mass, start, target, comm=operators.comm, dimension=dimension)
+        pairs = lowest_eigenpairs(
+            solver.apply_inverse, operators.apply_mass, start, target, comm=operators.comm, dimension=dimension
+        )
     return FullModes(np.sqrt(pairs.values) / (2.0 * np.pi), pairs.vectors)
 
 

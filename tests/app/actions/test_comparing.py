@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from headstock.app.command_line import main
-from headstock.app.texts.error_texts import show_bound, show_bounded
+from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement

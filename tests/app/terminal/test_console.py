@@ -9,7 +9,7 @@ from rich.console import Console
 from common import sketch
 from headstock.app.terminal.console import add_row, make_table, print_table
 from headstock.app.terminal.summary import describe_position, print_summary
-from headstock.app.texts.error_texts import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
+from headstock.app.texts.bounded_values import bound_size, show_bound, show_bounded, show_compliances, show_damped, show_damping
 from headstock.app.texts.tables import list_tables, shared_budget
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.summary import RunSummary

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from headstock.app.texts.error_texts import response_error_words
+from headstock.app.texts.bounded_values import response_error_words
 from headstock.app.texts.tables import encode_csv, tabulate_response
 from headstock.pipeline.results.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.results.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves

@@ -12,7 +12,7 @@ from headstock.geometry.parts.components import Component, Interface, Load, Patc
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, SuperelementFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.checks import patch_moments
+from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import (
     describe_component,
     estimate_cells,

@@ -3,8 +3,8 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, IntArray
+from headstock.meshing.elements.quadratic import elevate_tets, is_straight, repair_tets
 from headstock.meshing.elements.quality import facet_moments, integrate_mesh, mesh_volume, scaled_jacobians
-from headstock.meshing.elements.second_order import elevate_tets, is_straight, repair_tets
 from headstock.meshing.elements.surface import count_parts, extract_surface, match_facets
 from headstock.meshing.elements.topology import NODE_COUNTS, cell_order, local_facets, reference_nodes, shape_functions
 

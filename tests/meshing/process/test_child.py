@@ -16,13 +16,13 @@ BOX = Box((100.0, 40.0, 1000.0))
 
 
 def test_child_that_needs_more_memory_than_allowed_is_named() -> None:
-    job = MeshJob("shape", BOX, size=6.0, straight=True)
+    job = MeshJob("mesh", BOX, size=6.0, straight=True)
     with pytest.raises(MeshError, match=r"column: .*memory"):
         run_job(job, what="column", time_limit=60.0, memory_bytes=350 << 20)
 
 
 def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -> None:
-    job = MeshJob("shape", BOX, size=50.0, straight=True)
+    job = MeshJob("mesh", BOX, size=50.0, straight=True)
     with limited_room(Path(), (), limited_files=True) as set_room:
         set_room(1000)
         with pytest.raises(MeshError, match="column: the mesh could not be written: File too large; make room in") as caught:

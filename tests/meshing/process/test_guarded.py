@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.meshing.process.guarded import ChildEnd, ChildLimits, isolate, run_guarded
+from headstock.meshing.process.guarded import ChildEnd, ChildLimits, isolate, run_guarded_child
 
 LIMITS = ChildLimits(memory_bytes=1 << 30, cpu_seconds=20, wall_seconds=60.0)
 Run = Callable[..., ChildEnd]
@@ -29,7 +29,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
             "import os, socket, sys, time\nfrom pathlib import Path\nfrom headstock.meshing.process.guarded import accept_guard\n"
         )
         (modules / "guarded_code.py").write_text(imports + start + "words = accept_guard(sys.argv[1:])\n" + textwrap.dedent(code))
-        return run_guarded("guarded_code", words, limits=limits, readable=readable)
+        return run_guarded_child("guarded_code", words, limits=limits, readable=readable)
 
     return run_code
 
@@ -152,8 +152,8 @@ def test_a_killed_parent_leaves_no_child(run: Run, tmp_path: Path) -> None:
     code = f"""
 import sys
 sys.path.insert(0, {str(tmp_path / "modules")!r})
-from headstock.meshing.process.guarded import ChildLimits, run_guarded
-run_guarded("guarded_code", [], limits=ChildLimits(1 << 30, 20, 3600.0), result=sys.stdout)
+from headstock.meshing.process.guarded import ChildLimits, run_guarded_child
+run_guarded_child("guarded_code", [], limits=ChildLimits(1 << 30, 20, 3600.0), result=sys.stdout)
 """
     parent = subprocess.Popen([sys.executable, "-P", "-c", code], stdout=subprocess.PIPE)
     assert parent.stdout is not None
@@ -194,7 +194,7 @@ def test_a_limit_of_the_shell_is_named_when_it_is_met() -> None:
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.child import run_job
-run_job(MeshJob("shape", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), what="column", time_limit=60.0)
+run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), what="column", time_limit=60.0)
 """
     command = ["bash", "-c", 'ulimit -v 358400; exec "$@"', "bash", sys.executable, "-P", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from common import present
-from headstock.app.texts.error_texts import accuracy_words
+from headstock.app.texts.bounded_values import accuracy_words
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose

@@ -1,4 +1,4 @@
-"""Turns raw cells and facets into a checked component mesh: quality, connectivity, patches, volume and areas."""
+"""Turns raw cells and facets into a checked component mesh: second order, quality, connectivity, patches, volume and areas."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,8 +11,8 @@ from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import HollowColumn, MeshFile, StepFile, Tube
 from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, ComponentMesh, IntArray, MeshQuality, SurfaceGaps
+from headstock.meshing.elements.quadratic import complete_hexes, elevate_tets, is_straight, repair_tets
 from headstock.meshing.elements.quality import facet_moments, mesh_volume, scaled_jacobians
-from headstock.meshing.elements.second_order import complete_hexes, elevate_tets, is_straight, repair_tets
 from headstock.meshing.elements.surface import (
     PLACES,
     FlatTets,

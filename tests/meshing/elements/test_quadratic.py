@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.components.meshing import mesh_component
-from headstock.meshing.elements.second_order import complete_hexes
+from headstock.meshing.elements.quadratic import complete_hexes
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.validation.parts.structured_meshes import (
