@@ -83,9 +83,7 @@ class _Family:
     modes: ModeSet
 
 
-def compare_variants(
-    solutions: Sequence[VariantSolution], *, scene: str, reference: str | None = None, same_from: float = SAME_MODE
-) -> Comparison:
+def compare_variants(solutions: Sequence[VariantSolution], *, scene: str, reference: str | None = None) -> Comparison:
     """Pair the modes of all variants with those of a reference, and the rest with each other.
 
     Motions are compared at places that stand for the mass of each body, the same in all variants whatever their fidelity.
@@ -94,8 +92,6 @@ def compare_variants(
         solutions: At least one, all in the same pose.
         scene: Name for headings.
         reference: Variant to hold the others against; by default the first of those with most elastic, then segmented components.
-        same_from: Correlation below which modes are different ones. Modes of one model are orthogonal in energy, so no more than
-            one of them can correlate above 0.5 with a mode of another.
     """
     by_name = {solution.choice.name: solution for solution in solutions}
     richest = sorted(by_name, key=lambda name: _richness(by_name[name]), reverse=True)
@@ -107,7 +103,7 @@ def compare_variants(
         left = _mode_set(by_name[name], places)
         numbers = list(range(len(left.frequencies_hz)))
         for family in families:
-            left, numbers = _enter_cells(family, name, left, numbers, same_from)
+            left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
         rows = [
             ModeRow(by_name[name].mode_names[i], name, {name: ModeCell(i, float(hz))})
             for i, hz in zip(numbers, left.frequencies_hz, strict=True)
@@ -116,7 +112,7 @@ def compare_variants(
     every = [row for family in families for row in family.rows]
     kept = [row for row in every if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())]
     rows = sorted(kept, key=lambda row: row.frequency_hz)
-    return Comparison(scene, by_name[best].pose, best, by_name, tuple(rows), same_from)
+    return Comparison(scene, by_name[best].pose, best, by_name, tuple(rows), SAME_MODE)
 
 
 def full_dofs(solution: VariantSolution) -> int:

@@ -1,7 +1,4 @@
-"""Every validation case by name, in groups.
-
-Running validation cases by name or group.
-"""
+"""Every validation case by name, in groups, and how they are run."""
 
 import difflib
 from collections.abc import Callable, Sequence
@@ -10,6 +7,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
+from headstock.solvers.ranks import make_on_root
 from headstock.validation.coverage.cases import check_coverage, check_coverage_smoke
 from headstock.validation.machines.accuracy_cases import check_beam_accuracy, check_machine_accuracy, check_mesh_estimates
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
@@ -20,8 +18,10 @@ from headstock.validation.machines.machine_cases import check_guideway, check_th
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
 from headstock.validation.machines.response_estimate_cases import check_mesh_response_estimates, check_response_estimates
 from headstock.validation.mechanisms.contouring_cases import (
+    check_contour_stability,
     check_contouring,
     check_nonlinear_contour,
+    check_stability_methods,
     check_whole_nonlinear_contour,
 )
 from headstock.validation.mechanisms.mechanism_cases import (
@@ -39,7 +39,6 @@ from headstock.validation.mechanisms.motion_cases import (
     check_million_steps,
     check_singular_passage,
 )
-from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
 from headstock.validation.mechanisms.tripteor_cases import (
     check_compliances,
     check_elastic_legs,
@@ -108,6 +107,11 @@ class Case:
     on_request: bool = False
 
 
+def on_root(compute: Callable[[], list[ValidationRow]]) -> CaseFunction:
+    """A case that rank 0 computes alone, its rows on every rank."""
+    return lambda comm: make_on_root(comm, compute)
+
+
 VERIFICATION = "tripteor_verification"
 
 
@@ -146,7 +150,7 @@ CASES: tuple[Case, ...] = (
         "mesh-estimates-response",
         "estimates",
         "± of meshes in frequency responses against fine meshes",
-        check_mesh_response_estimates,
+        on_root(check_mesh_response_estimates),
     ),
     Case(
         "beam-accuracy",
@@ -161,16 +165,16 @@ CASES: tuple[Case, ...] = (
         check_machine_accuracy,
         on_request=True,
     ),
-    Case("coverage", "estimates", "how often ± covers the truth, over 48 parts", check_coverage, on_request=True),
-    Case("coverage-smoke", "estimates", "the same on two parts", check_coverage_smoke),
-    Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", check_frequency_estimates),
-    Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", check_step_estimates),
-    Case("response-estimates", "estimates", "± of frequency responses against direct solves", check_response_estimates),
+    Case("coverage", "estimates", "how often ± covers the truth, over 48 parts", on_root(check_coverage), on_request=True),
+    Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),
+    Case("reduction-estimates", "estimates", "± of frequencies against unreduced machines", on_root(check_frequency_estimates)),
+    Case("reduction-estimates-step", "estimates", "± of a large STEP part's frequencies", on_root(check_step_estimates)),
+    Case("response-estimates", "estimates", "± of frequency responses against direct solves", on_root(check_response_estimates)),
     Case("known-stiffnesses", "identification", "known stiffnesses found again from noisy data, 50 seeds", check_identification),
-    Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", check_rail_bases),
-    Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", check_guideway),
-    Case("path-test", "path", "the path test of Kono et al. with variants BE and YCE", check_path_test),
-    Case("path-roads", "path", "a path by carried modes and by absolute coordinates", check_path_roads),
+    Case("rail-bases", "guideways", "splines, polynomials and frames as dofs of a rail", on_root(check_rail_bases)),
+    Case("guideway", "guideways", "a table at 50 places of its rails against a model of its own at each", on_root(check_guideway)),
+    Case("path-test", "path", "the path test of Kono et al. with variants BE and YCE", on_root(check_path_test)),
+    Case("path-roads", "path", "a path by carried modes and by absolute coordinates", on_root(check_path_roads)),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
     Case("rod-peak", "time_response", "its sharp peak with 1200 modes", check_rod_peak, on_request=True),
     Case("nafems-5t", "time_response", "NAFEMS 5T, deep beam under a suddenly applied load", check_transient_beam),
@@ -179,12 +183,7 @@ CASES: tuple[Case, ...] = (
     Case("sampled-control", "drives", "a sampled controller step by step beside its dead time", check_sampled_control),
     Case("drive-friction", "drives", "sliding, sticking and slipping, and the balance of energy", check_friction),
     Case("beam-truncation", "frequency_response", "share of a cantilever's tip compliance in its modes", check_beam_truncation),
-    Case(
-        "column-response",
-        "frequency_response",
-        "reduced column against direct solves of its whole model",
-        check_column_response,
-    ),
+    Case("column-response", "frequency_response", "reduced column against direct solves of its whole model", check_column_response),
     Case("three-axis-machine", "machines", "the shipped machine against a monolithic model of itself", check_three_axis_machine),
     Case("axis-construction-kit", "axis_construction_kit", "table 3 and figures 17, 18 of Kono et al.", check_axis_kit),
     Case("tripteor-lumped", "tripteor", "measured modes in three configurations and the lumped model", check_lumped_modes),

@@ -121,9 +121,6 @@ def _draw_panel(axes: Axes, rungs: Rungs, names: Sequence[str], over: Over) -> N
 
 
 def _shape_axes(axes: Axes, largest: float) -> None:
-    axes.set_xscale("log")
-    calm_axes(axes, grid="both")
-    axes.tick_params(which="minor", length=0)
     _label_decades(axes)
     if largest > FAR:
         axes.set_yscale("symlog", linthresh=LINEAR_RANGE, linscale=1.0)
@@ -133,7 +130,10 @@ def _shape_axes(axes: Axes, largest: float) -> None:
 
 
 def _label_decades(axes: Axes) -> None:
-    """Plain numbers along a logarithmic x axis, some between the decades where there are few of those."""
+    """A logarithmic x axis with plain numbers, some between the decades where there are few of those."""
+    axes.set_xscale("log")
+    calm_axes(axes, grid="both")
+    axes.tick_params(which="minor", length=0)
     low, high = axes.get_xlim()
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < FEW_DECADES * low else (1.0,)))
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -167,12 +167,9 @@ def _draw_overview(beam: LadderBeam, points: Sequence[LadderPoint]) -> NDArray[n
             x, y = [d.point.cpu_seconds for d in worst.values()], [max(LEAST_SHOWN, 100.0 * abs(d.value)) for d in worst.values()]
             axes.plot(x, y, color=color, marker=marker, markersize=4.5, linewidth=1.3, label=KIND_LABELS[kind])
         axes.set_title("static displacements" if group == "static" else "natural frequencies", fontsize=9, color=INK, loc="left")
-        axes.set_xscale("log")
         axes.set_yscale("log")
-        calm_axes(axes, grid="both")
-        axes.tick_params(which="minor", length=0)
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         _label_decades(axes)
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.set_xlabel("processor time, empty store [s]", fontsize=9, color=INK)
         axes.set_ylabel("largest deviation from converged 3D [%]", fontsize=9, color=INK)
     handles, labels = figure.axes[0].get_legend_handles_labels()

@@ -23,13 +23,13 @@ from headstock.app.terminal.guard import run_guarded
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+StudyFolder = Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")]
+
 
 def study(
     scene: SceneFile,
     name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [studies.NAME].")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")
-    ] = None,
+    output: StudyFolder = None,
     variant: Variant = None,
     set_: Overrides = None,
     ranks: Ranks = None,
@@ -62,9 +62,7 @@ def study(
 def sweep(
     scene: SceneFile,
     name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [sweeps.NAME].")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME].")
-    ] = None,
+    output: StudyFolder = None,
     variant: Variant = None,
     set_: Overrides = None,
     ranks: Ranks = None,

@@ -20,7 +20,7 @@ MACHINE_SIZE = (1500, 960)
 MODE_SIZE = (720, 480)
 MODES_DRAWN = 40
 LIFETIME = 150  # seconds
-CHARTS, FRF_CHARTS = "headstock.app.charts.charts", "headstock.app.charts.frf"
+CHARTS = "headstock.app.charts.charts"
 RENDERERS = {"vtk": ("headstock.app.pictures.vtk", "draw_with_vtk"), "painted": ("headstock.app.pictures.painted", "paint")}
 
 
@@ -55,7 +55,7 @@ def main(arguments: list[str]) -> int:
         summary = read_summary(folder)
         pictures += list_mode_pictures(summary, view)
         images = charts.draw_charts(summary, component_colors(view))
-        images |= importlib.import_module(FRF_CHARTS).draw_responses(read_curves(folder))
+        images |= importlib.import_module(CHARTS).draw_responses(read_curves(folder))
     if view.skins:
         module, function = RENDERERS[renderer]
         images |= getattr(importlib.import_module(module), function)(pictures)

@@ -12,9 +12,17 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from headstock.app.report.figures import JOINT_COLOR, draw_budget, draw_frequencies, draw_poles, draw_stack, percent
+from headstock.app.report.figures import (
+    JOINT_COLOR,
+    draw_budget,
+    draw_frequencies,
+    draw_map,
+    draw_poles,
+    draw_stack,
+    map_layers,
+    percent,
+)
 from headstock.app.report.frf import draw_overlay, draw_response, has_more_fields
-from headstock.app.report.map import draw_map, map_layers
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine

@@ -13,6 +13,7 @@ from headstock.app.texts.tables import PlainTable
 from headstock.validation.ladder.claims import Claim
 from headstock.validation.ladder.points import KINDS, LadderPoint, ndof_within, pick_rungs
 from headstock.validation.ladder.references import Group, LadderBeam
+from headstock.validation.references.rows import verdict
 
 LIMITS = (0.10, 0.05, 0.01, 0.003)
 UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
@@ -55,10 +56,10 @@ def ladder_tables(beam: LadderBeam, points: Sequence[LadderPoint], claims: Seque
             reference = beam.references[name]
             roads = (reference.analytic, reference.beam, reference.solid)
             compared = [cell for right in roads for cell in (right, value / right - 1.0)]
-            cost = (*map(_known, (point.seconds, point.cpu_seconds)), point.macs.get(name))
+            cost = (*(time if math.isfinite(time) else None for time in (point.seconds, point.cpu_seconds)), point.macs.get(name))
             rows.append((point.kind, point.ndof, name, UNITS[point.group], value, *compared, *cost))
     table = PlainTable("ladder", headings, tuple(rows))
-    verdicts = tuple((c.figure, c.models, c.text, _verdict(c), c.decides, c.value, c.note) for c in claims)
+    verdicts = tuple((c.figure, c.models, c.text, verdict(c.held), c.decides, c.value, c.note) for c in claims)
     return [table, PlainTable("claims", ("figure", "models", "claim", "verdict", "decided by", "number", "note"), verdicts)]
 
 
@@ -138,15 +139,7 @@ def _print_claims(console: Console, title: str, claims: Sequence[Claim]) -> None
         cell = Text(claim.text)
         cell.append(f"\n{claim.decides}", style="bold")
         cell.append(f"\n{claim.note}" if claim.note else "", style="dim")
-        verdict = Text(_verdict(claim), style="green" if claim.held else "yellow")
-        lines.add_row(Text(f"fig. {claim.figure}"), Text(claim.models), verdict, cell)
+        outcome = Text(verdict(claim.held), style="green" if claim.held else "yellow")
+        lines.add_row(Text(f"fig. {claim.figure}"), Text(claim.models), outcome, cell)
     console.print(lines)
     console.print()
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _verdict(claim: Claim) -> str:
-    return "held" if claim.held else "not held"

@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.skins import IntArray, Skin
-
-BoolArray = NDArray[np.bool_]
 
 # an edge of this many metres costs as much as a surface that is one metre off: flat walls keep points with which they can bend
 LENGTH_WEIGHT = 0.02

@@ -42,7 +42,7 @@ class CadSurvey:
         return x, y, z
 
 
-def survey_step(solid: StepFile, *, time_limit: float = TIME_LIMIT) -> CadSurvey:
+def survey_step(solid: StepFile) -> CadSurvey:
     """List and triangulate the faces of a STEP file's solid in a child process.
 
     Raises:
@@ -51,7 +51,7 @@ def survey_step(solid: StepFile, *, time_limit: float = TIME_LIMIT) -> CadSurvey
     if not solid.path.is_file():
         raise MeshError(f"{solid.path} is no regular file" if solid.path.exists() else f"there is no file {solid.path}")
     job = MeshJob("faces", solid, unit=STEP_UNIT)
-    data = run_job(job, what=solid.path.name, time_limit=time_limit)
+    data = run_job(job, what=solid.path.name, time_limit=TIME_LIMIT)
     faces = tuple(_in_metres(face) for face in data.faces)
     groups = [data.facets[f"face:{face.number}"] for face in faces]
     owners = np.repeat([face.number for face in faces], [len(group) for group in groups])

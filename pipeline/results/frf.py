@@ -10,12 +10,11 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.answers import Answer
 from headstock.pipeline.results.estimates import REDUCTION
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.second_order import ComplexArray, Motion, Port, name_port
 
 Spacing = Literal["linear", "log"]
-N_PER_UM = 1e-6  # N/m
 
 
 class PortSummary(TypedDict):

@@ -12,6 +12,7 @@ from headstock.pipeline.results.estimates import Estimate, scale_parts, scale_sh
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 
 UM_PER_KN = 1e9  # m/N
+N_PER_UM = 1e-6  # N/m
 
 
 class PointSummary(TypedDict):

@@ -206,16 +206,15 @@ def face_stability(mechanism: SceneMechanism, model: CompliantMechanism, request
     return FaceStability(face + 1, multiplier, limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST))
 
 
-def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float, spindle: float | None = None) -> float:
+def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -> float:
     """Largest Floquet multiplier over a tooth period; the cut is stable below one.
 
     Args:
         tip: The mechanism at the tip of the tool.
         request: Tool and cut.
         depth: Axial depth of cut [m].
-        spindle: Speed [rad/s]; None for that of the cut.
     """
-    cut = dataclasses.replace(request.cut, axial_depth=depth, spindle=spindle or request.cut.spindle)
+    cut = dataclasses.replace(request.cut, axial_depth=depth)
     return largest_multiplier(tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period)
 
 

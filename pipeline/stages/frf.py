@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
 from headstock.pipeline.results.frf import PortFigures, PoseResponse, ResponseCurves
@@ -29,7 +29,6 @@ from headstock.reduction.estimates.response_errors import (
 from headstock.scene.requests import FrfRequest
 from headstock.solvers.linear.frequency_response import (
     UNDAMPED,
-    BoolArray,
     FrequencyResponse,
     FrfModel,
     StabilityFigures,

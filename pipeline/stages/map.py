@@ -12,6 +12,7 @@ from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.map import WorkspaceMap
+from headstock.pipeline.results.static import N_PER_UM
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest
@@ -21,7 +22,6 @@ from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
 
 IndexArray = NDArray[np.intp]
-N_PER_UM = 1e-6
 CHUNK = 512  # poses evaluated together: more would leave the cache
 PLAINLY_ALIKE = 0.8  # squared cosine with the neighbour's mode of the same number from which no other can be nearer
 

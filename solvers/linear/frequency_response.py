@@ -5,10 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.damper_sum import DamperSum, sum_over_dampers
 from headstock.solvers.linear.modal_analysis import ModalResult
@@ -23,7 +22,6 @@ from headstock.solvers.linear.response_forms import DirectResponse, ModalSum, Po
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import ComplexArray, Motion, Port, SecondOrderSystem, input_columns, output_rows
 
-BoolArray = NDArray[np.bool_]
 DERIVATIVES: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 METHODS = {ModalSum: "modal", DamperSum: "dampers", PoleSum: "poles", DirectResponse: "direct"}
 RESTING_HZ = 1e-100  # slower than this is at rest: its square has no place among numbers

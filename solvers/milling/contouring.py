@@ -157,8 +157,6 @@ def refine_motion(
     motion: LinearMotion,
     force: FloatArray,
     first: GiveHistory,
-    *,
-    scheme: AlphaScheme | None = None,
 ) -> GiveHistory:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
 
@@ -168,7 +166,6 @@ def refine_motion(
         motion: Its linear model at ``n`` even steps, the approximate derivative.
         force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
         first: The solution of the linear model.
-        scheme: Parameters of the generalised-α method, as in the first solution; None for a spectral radius of 0.9.
 
     Raises:
         ConvergenceError: The sweeps do not settle.
@@ -176,7 +173,7 @@ def refine_motion(
     found, last = first, np.inf
     states = drive.rigid_states(motion.times)
     for _ in range(MAX_SWEEPS):
-        change = march_linear(motion, -_unbalanced(model, drive, motion, force, history=found, states=states), scheme=scheme)
+        change = march_linear(motion, -_unbalanced(model, drive, motion, force, history=found, states=states))
         found = GiveHistory(found.give + change.give, found.rate + change.rate, found.acceleration + change.acceleration)
         size = float(np.abs(change.give).max())
         if size < CONVERGED:

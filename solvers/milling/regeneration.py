@@ -71,22 +71,19 @@ def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, 
     return tuple(_phase(cut, angles, runout) for angles in theta)
 
 
-def march_regenerative(
-    motion: LinearMotion, load: FloatArray, cut: RegenerativeCut, *, scheme: AlphaScheme | None = None
-) -> tuple[GiveHistory, FloatArray]:
+def march_regenerative(motion: LinearMotion, load: FloatArray, cut: RegenerativeCut) -> tuple[GiveHistory, FloatArray]:
     """Generalised-α steps of the linear model with the chip of each instant, from static rest.
 
     Args:
         motion: The linear model.
         load: ``(n, c)`` all other loads.
         cut: What cuts.
-        scheme: Numerical damping.
 
     Returns:
         The motion and the ``(n, 3)`` force on the tool [N], ground frame of the chains.
     """
-    chosen, times, size = scheme or AlphaScheme(), motion.times, load.shape[1]
-    method = scheme_matrices(chosen, float(times[1] - times[0]))
+    times, size = motion.times, load.shape[1]
+    method = scheme_matrices(AlphaScheme(), float(times[1] - times[0]))
     position, reach = method.ahead[0], method.reach
     state: FloatArray = np.zeros((4, size))
     state[0] = load[0] / motion.stiffness[0]

@@ -22,6 +22,7 @@ SAMPLES_PER_STEP = 8
 STEPS_PER_SWING = 40  # of the highest mode
 FEWEST_STEPS = 48
 BISECTIONS = 40
+LIMIT_POINTS = 40_000  # frequencies tried for a limit, up to three times the highest natural frequency
 DEPTH_TOLERANCE = 1e-4  # relative
 
 
@@ -133,16 +134,15 @@ def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
     return 0.0
 
 
-def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float, *, points: int = 40_000) -> float:
+def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -> float:
     """By how much gains may be multiplied until the mean of them over a period makes the tip chatter; infinite where never.
 
     Args:
         tip: The system.
         gains: ``(m, r, p)``.
         period: And delay [s].
-        points: Frequencies that are tried, up to three times the highest natural frequency.
     """
-    hz = np.linspace(0.0, 3.0 * tip.highest_hz, points + 1)[1:]
+    hz = np.linspace(0.0, 3.0 * tip.highest_hz, LIMIT_POINTS + 1)[1:]
     poles, vectors = np.linalg.eig(tip.system)
     left, right = tip.outputs @ vectors, np.linalg.solve(vectors, tip.inputs) @ gains.mean(axis=0)
     omega = 2.0 * np.pi * hz

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import match_frequencies
+from headstock.solvers.linear.mode_pairing import assign_modes, match_frequencies
 from headstock.studies.identification.cases import CaseModel, CaseSlope, CaseState, slope_motions, solve_case
 from headstock.studies.identification.targets import ComplianceTarget, FitSettings, Parameter, ShapeTarget
 
@@ -54,7 +53,8 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
     weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
     products = (weighed.T @ state.motions) ** 2
     sizes = np.einsum("ij,ij->j", state.motions, before.slopes.mass_times(state.motions))
-    return Pairing(tuple(int(column) for column in linear_sum_assignment(1.0 - products / sizes)[1]))
+    pairs = assign_modes(np.asarray(products / sizes), np.zeros(1), same_from=0.0)
+    return Pairing(tuple(pair.second for pair in pairs))
 
 
 def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:

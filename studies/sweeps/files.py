@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.files import mark_units
-from headstock.pipeline.results.static import UM_PER_KN
+from headstock.pipeline.results.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
@@ -21,7 +21,6 @@ type Numbers = float | None | Sequence[Numbers]  # nested like the dimensions of
 
 SWEEP_FILE = "sweep.h5"
 FORMAT, VERSION = "headstock sweep", 1
-N_PER_UM = 1e-6
 # pattern of the path of a data set to its unit
 UNITS = {
     r"axes|units|states|errors|shape|modal/tracked/(names|index)|static/.*/weakest": "",

@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,13 +112,7 @@ def sweep_key(scene: Scene) -> str:
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()
 
 
-def run_sweep(
-    job: SweepJob,
-    *,
-    comm: MPI.Comm,
-    observer: Observer = lambda record: None,
-    on_pose: Callable[[int, int], None] = lambda done, total: None,
-) -> SweepOutcome:
+def run_sweep(job: SweepJob, *, comm: MPI.Comm, observer: Observer = lambda record: None) -> SweepOutcome:
     """Compute every pose that is in no journal yet; collective.
 
     Poses are dealt out in turn, so that every rank gets some of each region, rank 0 too. An error in one pose is that pose's
@@ -128,7 +122,6 @@ def run_sweep(
         job: The same on every rank.
         comm: Collective.
         observer: Told of each component's stage as it ends, on rank 0.
-        on_pose: Told on rank 0 how many of its poses are done, of how many.
 
     Raises:
         OutputError: A journal cannot be written.
@@ -140,10 +133,8 @@ def run_sweep(
     mine = waiting[comm.rank :: comm.size]
     if mine:
         with open_journal(job.folder, key, f"{job.part.number}of{job.part.of}-{comm.rank}") as journal:
-            for count, result in enumerate(_solve_poses(job, parts, superelements, mine), start=1):
+            for result in _solve_poses(job, parts, superelements, mine):
                 journal.append(encode_result(result))
-                if comm.rank == 0:
-                    on_pose(count, len(mine))
     _wait_for_all(comm)
     known = read_journals(job.folder, key) if comm.rank == 0 else {}
     results = tuple(known.get(positions.tobytes()) for positions in job.sweep.positions)

@@ -6,7 +6,7 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,11 +104,12 @@ class _Solved:
     coupled: CoupledMachine
 
 
-def cover_part(seed: int, store: Store | None = None) -> PartCoverage:
+def cover_part(seed: int) -> PartCoverage:
     """The numbers of a seed, from the store where they are there: a suite that was stopped goes on."""
-    store = store or Store(default_store_root())
+    store = Store(default_store_root())
     packages = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction)
-    words = [*(code_fingerprint(package) for package in packages), *(Path(file).read_text() for file in _own_files()), str(seed)]
+    files = (Path(__file__), Path(__file__).with_name("parts.py"))
+    words = [*(code_fingerprint(package) for package in packages), *(file.read_text() for file in files), str(seed)]
     key = hashlib.sha256("\0".join(words).encode()).hexdigest()
     known = read_entry(store, key, PartCoverage).value
     if known is not None:
@@ -117,10 +118,6 @@ def cover_part(seed: int, store: Store | None = None) -> PartCoverage:
         found = measure_part(draw_part(seed, Path(folder)))
     write_entry(store, key, found)
     return found
-
-
-def _own_files() -> tuple[str, str]:
-    return __file__, str(Path(__file__).with_name("parts.py"))
 
 
 def measure_part(part: CoveragePart) -> PartCoverage:
@@ -215,18 +212,14 @@ def _respond(coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False) 
     return np.diagonal(found, axis1=1, axis2=2), np.diagonal(total, axis1=1, axis2=2)
 
 
-def check_coverage(comm: MPI.Comm) -> list[ValidationRow]:
+def check_coverage() -> list[ValidationRow]:
     """Coverage of frequencies, compliances and frequency responses on the parts that factors were fitted on, and on the others."""
-    return _on_root(comm, lambda: [*_judge(CASE, "fitted on", _cover(CALIBRATION)), *_judge(CASE, "held out", _cover(HOLD_OUT))])
+    return [*_judge(CASE, "fitted on", _cover(CALIBRATION)), *_judge(CASE, "held out", _cover(HOLD_OUT))]
 
 
-def check_coverage_smoke(comm: MPI.Comm) -> list[ValidationRow]:
+def check_coverage_smoke() -> list[ValidationRow]:
     """The same on a tube and a sheet, in seconds."""
-    return _on_root(comm, lambda: _judge(SMOKE, "two parts", _cover(SMOKE_PARTS)))
-
-
-def _on_root(comm: MPI.Comm, compute: Callable[[], list[ValidationRow]]) -> list[ValidationRow]:
-    return list(comm.bcast(compute() if comm.rank == 0 else None, root=0))
+    return _judge(SMOKE, "two parts", _cover(SMOKE_PARTS))
 
 
 def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
@@ -247,11 +240,18 @@ def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Validati
     )
     clear = true > CLEAR
     shares = np.array([own.mean() for own in covered if len(own)])
-    responses = np.concatenate([part.lines for part in parts])
-    lines = responses[~np.isnan(responses)]
+    responses = [part.lines[~np.isnan(part.lines)] >= COVERED for part in parts]
+    lines = np.concatenate(responses)
+    set_aside = sum(len(part.lines) for part in parts) - len(lines)
     rows = [
         judge_bound(case, f"{what}: share of numbers that ± does not cover", 1.0 - float(numbers.mean()), 1.0 - COVERED, note),
-        show(case, f"{what}: coverage by part, mean", float(shares.mean()), "-", f"least {shares.min():.2f}; {_by_kind(parts)}"),
+        show(
+            case,
+            f"{what}: coverage by part, mean",
+            float(shares.mean()),
+            "-",
+            f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
+        ),
         show(case, f"{what}: parts with 95 % of their numbers covered", float((shares >= COVERED).mean()), "-"),
         judge_bound(
             case,
@@ -263,10 +263,10 @@ def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Validati
         judge_bound(
             case,
             f"{what}: share of frequency responses without 95 % of their lines covered",
-            1.0 - float((lines >= COVERED).mean()),
+            1.0 - float(lines.mean()),
             1.0 - COVERED_RESPONSES,
-            f"{len(lines)} responses, {len(responses) - len(lines)} more whose truth is not sure enough; lines within 40 dB of the highest"
-            f" peak; {_responses_by_kind(parts)}",
+            f"{len(lines)} responses, {set_aside} more whose truth is not sure enough; lines within 40 dB of the highest"
+            f" peak; {_by_kind(parts, responses)}",
         ),
     ]
     return rows
@@ -282,15 +282,9 @@ def _covered(part: PartCoverage) -> FloatArray:
     return np.asarray(part.errors[known] <= part.estimates[known])
 
 
-def _by_kind(parts: Sequence[PartCoverage]) -> str:
+def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> str:
+    """Share of covered numbers by kind of part."""
     found: dict[str, list[FloatArray]] = {}
-    for part in parts:
-        found.setdefault(part.kind, []).append(_covered(part))
-    return ", ".join(f"{kind} {np.concatenate(own).mean():.2f}" for kind, own in found.items() if len(np.concatenate(own)))
-
-
-def _responses_by_kind(parts: Sequence[PartCoverage]) -> str:
-    found: dict[str, list[FloatArray]] = {}
-    for part in parts:
-        found.setdefault(part.kind, []).append(part.lines[~np.isnan(part.lines)] >= COVERED)
+    for part, own in zip(parts, covered, strict=True):
+        found.setdefault(part.kind, []).append(own)
     return ", ".join(f"{kind} {np.concatenate(own).mean():.2f}" for kind, own in found.items() if len(np.concatenate(own)))

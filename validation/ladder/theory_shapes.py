@@ -7,6 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import IntArray
+from headstock.solvers.linear.mode_pairing import correlate_modes
 from headstock.validation.references.bending import euler_bernoulli_shape
 from headstock.validation.references.prismatic_beams import EndConditions
 from headstock.validation.references.torsion import wave_numbers
@@ -106,7 +107,7 @@ def find_theory_shapes(sections: SectionMotions, shapes: tuple[NamedShape, ...],
     """
     weighted = (sections.motions * sections.gyration).reshape(len(sections.motions), -1)
     wanted = np.array([(_theory_motions(sections, shape, ends) * sections.gyration).ravel() for shape in shapes])
-    macs = (wanted @ weighted.T) ** 2 / np.outer((wanted**2).sum(axis=1), (weighted**2).sum(axis=1))
+    macs = correlate_modes(wanted.T, weighted.T)
     found: dict[str, PairedMode] = {}
     while macs.size and macs.max() >= LEAST_MAC:
         row, mode = (int(place) for place in np.unravel_index(np.argmax(macs), macs.shape))

@@ -22,7 +22,7 @@ from headstock.validation.machines.axis_kit_models import (
     KitWorkshop,
     MeasuredMode,
 )
-from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_bound, show, verdict
 
 CASE = "axis-construction-kit"
 FIDELITIES: tuple[KitFidelity, ...] = ("segmented", "elastic")
@@ -198,4 +198,4 @@ def claim_similar_modes(models: KitModels) -> ValidationRow:
 
 
 def _claim(text: str, value: float, held: bool) -> ValidationRow:
-    return show(CASE, f"claim: {text}", 100.0 * value, "%", "held" if held else "not held")
+    return show(CASE, f"claim: {text}", 100.0 * value, "%", verdict(held))

@@ -16,87 +16,7 @@ from headstock.studies.identification.problem import FitPoint, FitProblem, evalu
 from headstock.studies.identification.target_files import load_targets
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
-_BODIES = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.base]
-solid = { box = ["600 mm", "500 mm", "200 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "0 mm"]
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
-[components.column]
-rotate = { axis = "y", angle = "3 deg" }
-solid = { box = ["40 mm", "100 mm", "500 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "200 mm"]
-fidelity = "segmented"
-segments = { count = 4 }
-interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
-[components.slider]
-solid = { box = ["200 mm", "120 mm", "80 mm"] }
-material = "steel"
-mass = "20 kg"
-at = ["0 mm", "0 mm", "720 mm"]
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, tool = { face = "x+" } }
-[joints.bolts]
-between = ["base.top", "column.foot"]
-kind = "rigid"
-"""
-_GUIDE = """\
-[joints.guide_{number}]
-between = ["column.head", "slider.bottom"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-at = ["{x} mm", "{y} mm", "710 mm"]
-stiffness = {{ lateral = "40 N/um", normal = "50 N/um" }}
-"""
-_CORNERS = ((60, 40), (60, -40), (-60, 40), (-60, -40))
-_REST = """\
-[joints.drive]
-between = ["column.head", "slider.bottom"]
-kind = "ball_screw"
-axis = "x"
-at = ["0 mm", "0 mm", "710 mm"]
-stiffness = { axial = "60 N/um" }
-[joints.feet]
-between = ["ground", "base.bottom"]
-kind = "spring"
-stiffness = { x = "90 N/um", y = "110 N/um", z = "140 N/um", rx = "20e6 N m/rad", ry = "25e6 N m/rad", rz = "18e6 N m/rad" }
-[joints.pad]                                       # beside the feet: only the sum of both is felt
-between = ["ground", "base.bottom"]
-kind = "spring"
-stiffness = { z = "60 N/um" }
-[points]
-tcp = { tool = "slider.tool", work = "ground" }
-[axes.X]
-joints = ["guide_1", "guide_2", "guide_3", "guide_4", "drive"]
-direction = "x"
-[poses.middle]
-[poses.back]
-X = "-150 mm"
-[poses.out]
-X = "150 mm"
-[variants.stiff]
-"components.column.fidelity" = "rigid"
-[variants.screw]                                   # the drive's nut on a shaft from a bearing at the end of the guide
-"components.column.fidelity" = "rigid"
-"components.column.interfaces.side" = { face = "x-", rect = { center = ["0 mm", "480 mm"], size = ["40 mm", "40 mm"] } }
-"joints.drive.between" = ["slider.bottom", "column.side"]
-"joints.drive.screw" = { diameter = "12 mm" }
-[variants.turned]                                  # the column leans on a slanted base
-"components.column.rotate" = { axis = "y", angle = "12 deg" }
-"components.slider.rotate" = [{ axis = "z", angle = "30 deg" }, { axis = "x", angle = "-20 deg" }]
-[variants.fine]
-"components.column.fidelity" = "elastic"
-[analyses.modal]
-count = 6
-"""
-SCENE = _BODIES + "".join(_GUIDE.format(number=n, x=x, y=y) for n, (x, y) in enumerate(_CORNERS, 1)) + _REST
+SCENE = Path(__file__).with_name("known_stiffnesses.toml").read_text()
 STIFFNESSES = {
     "guide_normal": ("joints.guide_*.stiffness.normal", 70.0, "N/um"),
     "guide_lateral": ("joints.guide_*.stiffness.lateral", 55.0, "N/um"),
@@ -107,7 +27,14 @@ STIFFNESSES = {
     "feet_rx": ("joints.feet.stiffness.rx", 14e6, "N m/rad"),
     "feet_ry": ("joints.feet.stiffness.ry", 31e6, "N m/rad"),
 }
+MEASURED = {
+    "middle": ("stiff", "middle"), "out": ("stiff", "out"), "back": ("stiff", "back"),
+    "column_middle": (None, "middle"), "column_back": (None, "back"),
+}  # fmt: skip
+FREQUENCIES = 12
 CASE = "known-stiffnesses"
+SPRINGS_ALONG = "two springs side by side: cosine of the blind direction with a constant sum"
+PLACE_SHARE = "a place that hardly matters: its part in a blind direction"
 SEEDS = 50
 NOISE = 0.01
 ERROR_LIMIT = 0.05
@@ -156,18 +83,6 @@ def prepare_text(folder: Path, targets: str) -> FitProblem:
 def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
     """The machine with true values, SI, by parameter."""
     return evaluate(problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters]))
-
-
-MEASURED = {
-    "middle": ("stiff", "middle"),
-    "out": ("stiff", "out"),
-    "back": ("stiff", "back"),
-    "column_middle": (None, "middle"),
-    "column_back": (None, "back"),
-}
-
-
-FREQUENCIES = 12
 
 
 def true_values() -> dict[str, float]:
@@ -265,20 +180,10 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     total = sum(abs(value) for value in stiffness.values())
     seen = {name: float(found.parameters[names.index(name)].seen) for name in names}
     return [
-        judge(
-            CASE,
-            "two springs side by side: cosine of the blind direction with a constant sum",
-            along,
-            Target(1.0, "-", 1e-2, "closed form"),
-        ),
+        judge(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
         judge(CASE, "two springs side by side: sum", total / 1e6, Target(SUM, "N/um", 0.05, "identity")),
         judge_bound(CASE, "a place that hardly matters: share the data see", seen["bolt_height"], 0.5, "named as unobservable"),
-        judge(
-            CASE,
-            "a place that hardly matters: its part in a blind direction",
-            blind.get("bolt_height", 0.0),
-            Target(1.0, "-", 0.05, "identity"),
-        ),
+        judge(CASE, PLACE_SHARE, blind.get("bolt_height", 0.0), Target(1.0, "-", 0.05, "identity")),
     ]
 
 

@@ -89,17 +89,13 @@ def _compare(
     return rows
 
 
-def check_guideway(comm: MPI.Comm) -> list[ValidationRow]:
+def check_guideway() -> list[ValidationRow]:
     """Compliance and frequencies at 50 places against fresh meshes, at 8 against the same mesh; ripple; what a pose costs."""
-    rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        machine = load_scene(SCENE).machine
-        mesh = mesh_component(machine.components["bed"])
-        parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
-        rows += _compare_meshes(machine, mesh, parts)
-        rows.append(judge_bound(GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE))
-        rows += _measure_cost(machine, parts)
-    return list(comm.bcast(rows, root=0))
+    machine = load_scene(SCENE).machine
+    mesh = mesh_component(machine.components["bed"])
+    parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
+    ripple = judge_bound(GUIDEWAY, "ripple of ten frequencies over the stations", find_ripple(machine, parts), RIPPLE)
+    return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 
 
 def reduce_parts(machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm) -> dict[str, Superelement]:

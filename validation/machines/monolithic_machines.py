@@ -1,4 +1,4 @@
-"""A whole machine as one unreduced finite element model: the second road to what the coupled superelements give.
+"""A whole machine as one unreduced finite element model: an independent method for what coupled superelements give.
 
 Nothing of the reduction or the coupling is used: elastic components keep every node, rigid joints become Lagrange multipliers,
 and frequencies come from a sparse shift-and-invert search.
@@ -7,15 +7,14 @@ A machine on rails with its carriages fixed where they stand in a pose: what an 
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.linalg
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
 from headstock.geometry.machine.carriages import Carriage, place_carriages
@@ -109,7 +108,7 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
     matrix, size = _bordered(model), model.stiffness.shape[0]
     right = np.zeros((matrix.shape[0], 6))
     right[:size] = rows.T.toarray()
-    solution = scipy.sparse.linalg.splu(matrix.tocsc()).solve(right)[:size]
+    solution = splu(matrix.tocsc()).solve(right)[:size]
     return np.asarray(rows @ solution)
 
 
@@ -124,7 +123,7 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
     border = model.constraints.shape[0]
     mass = scipy.sparse.block_diag([model.mass, csr_matrix((border, border))], format="csc")
     shift = -((2.0 * np.pi * shift_hz) ** 2)
-    values = scipy.sparse.linalg.eigsh(_bordered(model).tocsc(), k=count, M=mass, sigma=shift, tol=1e-12, return_eigenvectors=False)
+    values = eigsh(_bordered(model).tocsc(), k=count, M=mass, sigma=shift, tol=1e-12, return_eigenvectors=False)
     return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
 
@@ -269,7 +268,7 @@ def view_carriages(machine: Machine, meshes: Mapping[str, ComponentMesh], pose: 
 
 
 def solve_monolithic(model: MonolithicMachine, point: str, count: int) -> tuple[FloatArray, FloatArray]:
-    """Compliance at a point and the lowest frequencies of a supported machine without constraints, by one factorisation.
+    """Compliance at a point and the lowest frequencies of a supported machine without constraints.
 
     Args:
         model: The whole machine, its joints all springs, its stiffness positive definite.
@@ -283,17 +282,31 @@ def solve_monolithic(model: MonolithicMachine, point: str, count: int) -> tuple[
         ValueError: The machine has rigid joints.
     """
     if model.constraints.shape[0]:
-        raise ValueError("this road takes machines whose joints are all springs")
-    stiffness = model.stiffness.tocsc()
-    # symmetric and positive definite: no pivoting, and an ordering for symmetric matrices
-    factor = scipy.sparse.linalg.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        raise ValueError("this method takes machines whose joints are all springs")
     rows = model.points[point]
-    compliance = rows @ factor.solve(rows.T.toarray())
-    inverse = scipy.sparse.linalg.LinearOperator(stiffness.shape, matvec=factor.solve, dtype=float)
-    values = scipy.sparse.linalg.eigsh(
-        stiffness, k=count, M=model.mass.tocsc(), sigma=0.0, OPinv=inverse, tol=1e-10, return_eigenvectors=False
-    )
-    return np.asarray(compliance), np.asarray(np.sqrt(np.sort(values)) / (2.0 * math.pi))
+    factor = factorise(model.stiffness)
+    return np.asarray(rows @ factor.solve(rows.T.toarray())), lowest_frequencies(model, factor, count)
+
+
+def factorise(matrix: csr_matrix) -> SuperLU:
+    """Factors of a symmetric matrix that needs no pivoting, in an ordering for symmetric matrices."""
+    options = {"SymmetricMode": True}
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+def lowest_frequencies(model: MonolithicMachine, factor: SuperLU, count: int, *, shift: float = 0.0) -> FloatArray:
+    """The lowest natural frequencies [Hz] ``(count,)`` of a machine without constraints.
+
+    Args:
+        model: The whole machine.
+        factor: Of ``K - shift M``.
+        count: Frequencies sought.
+        shift: Of ``omega^2``, below them all [rad^2/s^2].
+    """
+    inverse = LinearOperator(model.stiffness.shape, matvec=factor.solve, dtype=float)
+    stiffness, mass = model.stiffness.tocsc(), model.mass.tocsc()
+    values = eigsh(stiffness, k=count, M=mass, sigma=shift, OPinv=inverse, tol=1e-12, return_eigenvectors=False)
+    return np.asarray(np.sqrt(np.abs(np.sort(values))) / (2.0 * np.pi))
 
 
 def _patch_under(machine: Machine, carriage: Carriage) -> Interface:
@@ -301,7 +314,7 @@ def _patch_under(machine: Machine, carriage: Carriage) -> Interface:
     interface = machine.components[str(carriage.rail.component)].interfaces[str(carriage.rail.interface)]
     (patch,) = interface.patches
     if interface.rail is None or patch.shape != "strip":
-        raise ValueError("rails of this road are strips")
+        raise ValueError("rails of this method are strips")
     axis = "xyz".index(interface.rail.along)
     center = list(patch.center)
     center[axis] = carriage.place

@@ -46,8 +46,8 @@ from headstock.solvers.paths.varying_system import PosedModes, sample_system
 from headstock.solvers.second_order import Port
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 
-HELD_TOLERANCE = 1e-9
 SCENE = PROJECT / "machines" / "three_axis.toml"
+HELD_TOLERANCE = 1e-9
 CASE = "path-test"
 VARIANTS = {"BE": "calibrated+BE", "BE with drives": "calibrated+BE+controlled", "YCE": "calibrated+segmented+YCE"}
 BAND = (0.1, 1.0)  # what the project asks of the deviation around the ramps [um]
@@ -168,29 +168,22 @@ def _stand(move: SetPoint, time: float) -> float:
     return move.distance - 0.5 * top / ramp * max(move.duration - time, 0.0) ** 2
 
 
-def check_path_test(comm: MPI.Comm) -> list[ValidationRow]:
+def check_path_test() -> list[ValidationRow]:
     """Deviation in z at both feeds with variants BE and YCE, and how it grows with the feed.
 
     Figure 20 of the paper is BE with drives and control; ours are assumed but for the leads of the screws, and their pose is frozen.
     """
-    rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        for name, variant in VARIANTS.items():
-            rows += _judge_variant(name, run_path(variant))
-    return list(comm.bcast(rows, root=0))
+    return [row for name, variant in VARIANTS.items() for row in _judge_variant(name, run_path(variant))]
 
 
-def check_path_roads(comm: MPI.Comm) -> list[ValidationRow]:
+def check_path_roads() -> list[ValidationRow]:
     """Variant BE over its first ramp: carried modes and exact steps against absolute coordinates coupled anew and another integrator."""
-    rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        first, second, frozen = compare_roads()
-        size = float(np.abs(second).max())
-        rows.append(
-            judge_bound("path-roads", "z of the TCP, two roads", float(np.abs(first - second).max()) / size, ROADS_TOLERANCE)
-        )
-        rows.append(show("path-roads", "z of the TCP, pose of the start kept", float(np.abs(frozen - second).max()) / size, "-"))
-    return list(comm.bcast(rows, root=0))
+    first, second, frozen = compare_roads()
+    apart, kept = (float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen))
+    return [
+        judge_bound("path-roads", "z of the TCP, two roads", apart, ROADS_TOLERANCE),
+        show("path-roads", "z of the TCP, pose of the start kept", kept, "-"),
+    ]
 
 
 def run_path(variant: str) -> PathResult:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse.linalg
 import scipy.stats
 from mpi4py import MPI
 
@@ -33,7 +32,6 @@ from headstock.validation.machines.accuracy_cases import CANTILEVER, LARGEST_FAC
 from headstock.validation.machines.estimate_cases import (
     CLAMP,
     CLEAR,
-    RESOLVED,
     ErrorPairs,
     Specimen,
     clamped_beam,
@@ -45,10 +43,11 @@ from headstock.validation.machines.estimate_cases import (
     patched_column,
     reduce_specimen,
     reference_frequencies,
+    report_coverage,
     ribbed_plate,
     unreduced,
 )
-from headstock.validation.machines.monolithic_machines import MonolithicMachine
+from headstock.validation.machines.monolithic_machines import MonolithicMachine, factorise
 from headstock.validation.parts.closed_form_cases import STEEL, face_interface
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 
@@ -89,18 +88,17 @@ MESHES = {
 }
 
 
-def check_response_estimates(comm: MPI.Comm) -> list[ValidationRow]:
+def check_response_estimates() -> list[ValidationRow]:
     """Bounds of the reduction error of nine responses per line on five machines, by number of modes."""
     rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        found = []
-        for make in SPECIMENS:
-            specimen = make()
-            pairs = compare_responses(specimen, LINES)
-            rows.append(_report_coverage(specimen.name, pairs))
-            found.append(pairs)
-        rows += judge_pairs(RESPONSE_CASE, "all lines", join_pairs(found))
-    return list(comm.bcast(rows, root=0))
+    found = []
+    for make in SPECIMENS:
+        specimen = make()
+        pairs = compare_responses(specimen, LINES)
+        rows.append(report_coverage(RESPONSE_CASE, specimen.name, pairs))
+        found.append(pairs)
+    rows += judge_pairs(RESPONSE_CASE, "all lines", join_pairs(found))
+    return rows
 
 
 def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
@@ -130,19 +128,9 @@ def direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
     """Receptance ``(3, 3)`` at the tool by one sparse factorisation, one loss factor throughout."""
     rows: FloatArray = model.points["tcp"].toarray()[:3]
     dynamic = (1.0 + 1j * LOSS_FACTOR) * model.stiffness - (2.0 * np.pi * hz) ** 2 * model.mass
-    # the loss factor keeps all pivots away from zero: the symmetric ordering needs no pivoting
-    factor = scipy.sparse.linalg.splu(
-        dynamic.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    # the loss factor keeps all pivots away from zero
+    factor = factorise(dynamic)
     return np.asarray(rows @ factor.solve(rows.T.astype(complex)))
-
-
-def _report_coverage(name: str, pairs: ErrorPairs) -> ValidationRow:
-    given, clear = pairs.given, pairs.clear
-    covered = float(np.mean(pairs.true[given] <= pairs.estimated[given] + RESOLVED))
-    low, middle, high = np.quantile(pairs.estimated[clear] / pairs.true[clear], [0.1, 0.5, 0.9])
-    note = f"{given.sum()} of {len(given)} with an estimate; estimate over true {low:.2f} .. {middle:.2f} .. {high:.2f}"
-    return show(RESPONSE_CASE, f"{name}: share covered", covered, "-", f"{note}; true up to {pairs.true[given].max():.2g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,19 +143,18 @@ class _Found:
     depth_errors: FloatArray
 
 
-def check_mesh_response_estimates(comm: MPI.Comm) -> list[ValidationRow]:
+def check_mesh_response_estimates() -> list[ValidationRow]:
     """Estimated against true errors of nine responses per line, and of the most negative real parts, over kinds and sizes of elements."""
     rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        parts = []
-        for machine in (_cantilever(), _hollow_column()):
-            fine, meshes = MESHES[machine.name]
-            parts.append(compare_meshes(machine, fine, meshes))
-        for name, found in zip(MESHES, parts, strict=True):
-            rows += [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
-        for what in parts[0]:
-            rows += _judge(what, join_pairs([found[what] for found in parts]))
-    return list(comm.bcast(rows, root=0))
+    parts = []
+    for machine in (dataclasses.replace(load_scene(CANTILEVER).machine, name="cantilever"), _hollow_column()):
+        fine, meshes = MESHES[machine.name]
+        parts.append(compare_meshes(machine, fine, meshes))
+    for name, found in zip(MESHES, parts, strict=True):
+        rows += [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
+    for what in parts[0]:
+        rows += _judge(what, join_pairs([found[what] for found in parts]))
+    return rows
 
 
 def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]) -> dict[str, ErrorPairs]:
@@ -194,10 +181,6 @@ def compare_meshes(machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSe
         direct.append(ErrorPairs(along.ravel(), foreseen.ravel()))
         depths.append(ErrorPairs(np.abs(found.depths / right.depths - 1.0), np.abs(found.depth_errors / right.depths)))
     return {"lines": join_pairs(lines), "lines along the load": join_pairs(direct), "most negative real part": join_pairs(depths)}
-
-
-def _cantilever() -> Machine:
-    return dataclasses.replace(load_scene(CANTILEVER).machine, name="cantilever")
 
 
 def _hollow_column() -> Machine:

@@ -8,13 +8,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import ExechonDimensions
 from headstock.solvers.mechanisms.dynamics import MechanismBody
-from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.mechanisms.motion import DriveLaw
 from headstock.validation.mechanisms.absolute_bodies import AbsoluteSystem, Arrow, Local, Product, Reach, Spring, fixed_local
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 BODY_NAMES = ("sleeve_1", "sleeve_2", "sleeve_3", "beam_1", "beam_2", "beam_3", "platform", "wrist", "spindle")
 PLATFORM, WRIST, SPINDLE = 6, 7, 8
-DriveLaw = Callable[[float], Drive]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,5 @@
 """The beams of the reference study by second-order elements, against converged 3D values and beam theories; kinds of motion of their modes."""
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -27,7 +26,7 @@ from headstock.validation.references.bending import (
     timoshenko_frequencies,
 )
 from headstock.validation.references.prismatic_beams import turn_section
-from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_all, judge_bound, show
+from headstock.validation.references.rows import SHOWN_ONLY, Target, ValidationRow, judge, judge_all, judge_bound, named_after, show
 from headstock.validation.references.torsion import (
     cantilever_twist,
     clamped_clamped_torsion,
@@ -131,7 +130,7 @@ def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
         c = interface_compliance(component, mesh, supports, comm=comm)["tip", "tip"]
         half = CANTILEVER.width / 2.0
         finest = 1e6 * np.abs([1e3 * c[0, 0], 1e3 * c[1, 1], 1e3 * c[2, 2], c[1, 3], c[0, 4], half * c[5, 5]])
-        rows += _named_after(kind, judge_all(case, reference, finest))
+        rows += named_after(kind, judge_all(case, reference, finest))
     theories = [
         ("Timoshenko", 0, 1e6 * cantilever_shear_deflection(CANTILEVER, 1e3), DEEP),
         ("Timoshenko", 1, 1e6 * cantilever_shear_deflection(turn_section(CANTILEVER), 1e3), DEEP),
@@ -155,7 +154,7 @@ def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
             front, back = compliance["front", "front"], compliance["back", "front"]
             values += [front[0, 0], back[0, 0]]
         finest = 1e9 * np.array([*values, abs(front[2, 0])])
-        rows += _named_after(kind, [_indentation(row) for row in judge_all(case, reference, finest)])
+        rows += named_after(kind, [_indentation(row) for row in judge_all(case, reference, finest)])
     bending = fixed_beam_deflection(FIXED_BEAM, 1e3)
     offset = bending + 0.1 * fixed_beam_twist(FIXED_BEAM, 100.0)
     theories = [
@@ -195,7 +194,7 @@ def _modal_rows(
             found.append(modes.frequencies_hz)
         finest = found[-1]
         remark = f"{modes.dofs} dofs"
-        rows += _named_after(kind, judge_all(case, reference, finest, notes=[remark] * COUNT))
+        rows += named_after(kind, judge_all(case, reference, finest, notes=[remark] * COUNT))
         misplaced = sum(left != right for left, right in zip(modes.kinds, order, strict=True))
         rows.append(judge_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0))
         rows += _observed_orders(case, kind, np.array(found))
@@ -235,7 +234,3 @@ def _theory_rows(case: str, reference: ReferenceCase, finest: FloatArray, theori
         judge(case, f"{theory}: {names[number]}", value, Target(float(finest[number]), reference.unit, np.nan, SHOWN_ONLY), note)
         for theory, number, value, note in theories
     ]
-
-
-def _named_after(kind: str, rows: Sequence[ValidationRow]) -> list[ValidationRow]:
-    return [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in rows]

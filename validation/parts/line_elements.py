@@ -7,30 +7,24 @@ from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 
 TIP = ("tip", "x")
-LINEAR_STIFFNESS = np.array([[1.0, -1.0], [-1.0, 1.0]])
-LINEAR_MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 QUADRATIC_STIFFNESS = np.array([[7.0, -8.0, 1.0], [-8.0, 16.0, -8.0], [1.0, -8.0, 7.0]]) / 3.0
 QUADRATIC_MASS = np.array([[4.0, 2.0, -1.0], [2.0, 16.0, 2.0], [-1.0, 2.0, 4.0]]) / 30.0
 
 
-def rod_system(
-    beam: PrismaticBeam, elements: int, *, order: int = 2, clamped: bool = True, end_dashpot: float = 0.0
-) -> SecondOrderSystem:
+def rod_system(beam: PrismaticBeam, elements: int, *, clamped: bool = True, end_dashpot: float = 0.0) -> SecondOrderSystem:
     """A rod along x, loaded and seen at its right end, the port ``("tip", "x")``.
 
     Args:
         beam: Its length, section and material.
         elements: Equal elements.
-        order: 1 or 2.
         clamped: The left end is held; else it is free.
         end_dashpot: Viscous damper between the left end and ground [N s/m].
 
     Source: Przemieniecki (1968), sections 5.5 and 11.3; Zienkiewicz and Taylor (2000) for the quadratic element.
     """
     step = beam.length / elements
-    local = (LINEAR_STIFFNESS, LINEAR_MASS) if order == 1 else (QUADRATIC_STIFFNESS, QUADRATIC_MASS)
-    stiffness = beam.material.youngs_modulus * beam.area / step * _assemble(local[0], elements)
-    mass = beam.mass_per_length * step * _assemble(local[1], elements)
+    stiffness = beam.material.youngs_modulus * beam.area / step * _assemble(QUADRATIC_STIFFNESS, elements)
+    mass = beam.mass_per_length * step * _assemble(QUADRATIC_MASS, elements)
     damping = np.zeros_like(mass)
     damping[0, 0] = end_dashpot
     kept = slice(1 if clamped else 0, None)

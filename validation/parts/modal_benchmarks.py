@@ -33,7 +33,7 @@ from headstock.validation.parts.closed_form_cases import (
 )
 from headstock.validation.parts.component_models import FullModes, full_model, full_modes, held_by, rigid_frequencies, shared_mesh
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_bound, named_after
 from headstock.validation.references.values import reference_case
 
 SECOND_ORDER_KINDS: tuple[CellKind, ...] = ("tet10", "hex27")
@@ -62,7 +62,7 @@ def check_deep_beam(comm: MPI.Comm) -> list[ValidationRow]:
         joints = {end: _ground_joint(end, "beam", end, held=dofs) for end, dofs in held.items()}
         machine = Machine("fv5", {"beam": beam}, joints)
         found = _coupled_frequencies({"beam": element}, machine, 9)
-        rows += _named_after(kind, judge_all("fv5", reference_case("fv5"), found))
+        rows += named_after(kind, judge_all("fv5", reference_case("fv5"), found))
     return rows
 
 
@@ -112,7 +112,7 @@ def check_square_column(comm: MPI.Comm) -> list[ValidationRow]:
     for kind in SECOND_ORDER_KINDS:
         component = Component("square", Box((SQUARE_SIDE, SQUARE_SIDE, 0.5)), STEEL, mesh=mesh_settings(kind, SQUARE_SIZE))
         found = _clamped_modes(component, 8, comm)[0].frequencies_hz[:8]
-        rows += _named_after(kind, judge_all("square-column", reference_case("square-column"), found))
+        rows += named_after(kind, judge_all("square-column", reference_case("square-column"), found))
         splits = found[[1, 3, 7]] / found[[0, 2, 6]] - 1.0
         rows.append(judge_bound("square-column", f"{kind} largest split of a pair", float(splits.max()), PAIR_SPLIT[kind]))
     return rows
@@ -129,7 +129,7 @@ def check_slender_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
         found = [value for value, motion in zip(modes.frequencies_hz, kinds, strict=True) if motion == "x"][:5]
         notes = [f"3D lies {100.0 * (value / right - 1.0):+.2f} % from the beam: the wide section resists its anticlastic bending"
                  for value, right in zip(found, reference.values.values(), strict=True)]  # fmt: skip
-        rows += _named_after(kind, judge_all("sdll02", reference, found, notes=notes))
+        rows += named_after(kind, judge_all("sdll02", reference, found, notes=notes))
     return rows
 
 
@@ -155,7 +155,3 @@ def _ground_joint(name: str, component: str, interface: str, *, held: tuple[int,
 
 def _coupled_frequencies(elements: dict[str, Superelement], machine: Machine, count: int) -> FloatArray:
     return solve_modal(couple(elements, machine, ORIGIN).system, count=count).frequencies_hz
-
-
-def _named_after(kind: str, rows: list[ValidationRow]) -> list[ValidationRow]:
-    return [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in rows]

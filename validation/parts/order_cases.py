@@ -1,6 +1,5 @@
 """Cases that measure how fast errors fall on smooth problems."""
 
-import dataclasses
 from typing import Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.closed_form_cases import ROD, STEEL
 from headstock.validation.parts.component_models import FullModel, FullModes, full_displacement, full_model, full_modes
 from headstock.validation.parts.structured_meshes import field_error, lattice_mesh, straight_lattice
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_order
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, judge_order, named_after
 from headstock.validation.references.torsion import axial_frequencies
 from headstock.validation.references.values import reference_case
 
@@ -46,8 +45,7 @@ def check_rod_frequencies(comm: MPI.Comm) -> list[ValidationRow]:
     rows: list[ValidationRow] = []
     for kind in SECOND_ORDER_KINDS:
         found = rod_frequencies(kind, ROD_ELEMENTS[-1], comm, sideways="free")
-        judged = judge_all("rod", reference_case("rod"), found)
-        rows += [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in judged]
+        rows += named_after(kind, judge_all("rod", reference_case("rod"), found))
     return rows
 
 

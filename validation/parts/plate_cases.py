@@ -8,18 +8,18 @@ import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch, Support
+from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.block_lanczos import ModeTarget
+from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show
 
 CASE = "thin-parts"
 SIDE = 0.4
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 # omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973), J. Sound Vib. 31, tables C10 and C15
 HINGED = np.array([2.0, 5.0, 5.0]) * np.pi**2
 ONE_FACE = np.array([3.4917, 8.5246, 21.429])

@@ -28,25 +28,24 @@ RIPPLE = 1e-2
 Rows = Callable[[float], FloatArray]
 
 
-def check_rail_bases(comm: MPI.Comm) -> list[ValidationRow]:
+def check_rail_bases() -> list[ValidationRow]:
     """Splines with and without averaging, polynomials and interpolated frames, all held against eight intervals per length."""
     rows: list[ValidationRow] = []
-    if comm.rank == 0:
-        rail, flexibility = _finest_rail()
-        bare = dataclasses.replace(rail, blur=0.0)
-        right = _local_compliance(lambda place: carriage_rows(bare, place, CARRIAGE), flexibility)
-        for stations in STATION_COUNTS:
-            dofs = 4 * stations
-            splines = _coarse_rail(rail, stations)
-            sets = {
-                "splines": _ride(splines),
-                "splines not averaged": _ride(dataclasses.replace(splines, blur=0.0)),
-                "polynomials": _ride_polynomials(bare, stations),
-                "frames between splines": _ride_frames(bare, dofs // 6),
-            }
-            for name, seen in sets.items():
-                rows += _describe(f"{name}, {dofs} dofs", _local_compliance(seen, flexibility), right)
-    return list(comm.bcast(rows, root=0))
+    rail, flexibility = _finest_rail()
+    bare = dataclasses.replace(rail, blur=0.0)
+    right = _local_compliance(lambda place: carriage_rows(bare, place, CARRIAGE), flexibility)
+    for stations in STATION_COUNTS:
+        dofs = 4 * stations
+        splines = _coarse_rail(rail, stations)
+        sets = {
+            "splines": _ride(splines),
+            "splines not averaged": _ride(dataclasses.replace(splines, blur=0.0)),
+            "polynomials": _ride_polynomials(bare, stations),
+            "frames between splines": _ride_frames(bare, dofs // 6),
+        }
+        for name, seen in sets.items():
+            rows += _describe(f"{name}, {dofs} dofs", _local_compliance(seen, flexibility), right)
+    return rows
 
 
 def _finest_rail() -> tuple[Rail, FloatArray]:

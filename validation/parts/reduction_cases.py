@@ -13,13 +13,15 @@ from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.block_lanczos import ModeTarget
 from headstock.validation.parts.closed_form_cases import COLUMN_SIZE, STEEL, column, face_interface, mesh_settings
-from headstock.validation.parts.component_models import full_model, full_modes, shared_mesh
-from headstock.validation.parts.scipy_models import (
+from headstock.validation.parts.component_models import (
     all_frequencies,
+    full_model,
+    full_modes,
     guyan_matrices,
     held_compliance,
     lowest_frequencies,
     rigid_face_matrices,
+    shared_mesh,
 )
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 

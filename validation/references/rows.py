@@ -55,14 +55,15 @@ class Target:
     kind: str
 
 
-KIND_OF_PROVENANCE = {
-    "published": "published",
-    "derived-closed-form": "closed form",
-    "derived-numerical": "converged 3D",
-}
+KIND_OF_PROVENANCE = {"published": "published", "derived-closed-form": "closed form", "derived-numerical": "converged 3D"}
 
 
 SHOWN_ONLY = "shown only"
+
+
+def verdict(held: bool) -> str:
+    """What became of a statement of a paper."""
+    return "held" if held else "not held"
 
 
 def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
@@ -142,6 +143,11 @@ def judge_all(
         judge(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
         for (quantity, right), value, note in zip(reference.values.items(), values, remarks, strict=True)
     ]
+
+
+def named_after(kind: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]:
+    """The rows with a word before each quantity, such as the kind of element."""
+    return [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in rows]
 
 
 def failed_computation(case: str, reason: str) -> ValidationRow:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from common import sketch
 from headstock.app.charts import comparison, frf, study, sweep
+from headstock.app.charts.charts import draw_responses
 from headstock.app.charts.comparison import draw_comparison, spread_labels
-from headstock.app.charts.frf import draw_responses
 from headstock.app.charts.study import describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.report.frf import draw_overlay

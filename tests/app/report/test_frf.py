@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 
 from common import present
-from headstock.app.charts.frf import draw_responses
+from headstock.app.charts.charts import draw_responses
 from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
 from headstock.app.report.report import render_report

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from headstock.app.report.map import draw_map, map_layers, map_values
+from headstock.app.report.figures import draw_map, map_layers, map_values
 from headstock.app.texts.tables import _map_table, list_tables
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene

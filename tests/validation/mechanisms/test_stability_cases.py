@@ -3,7 +3,7 @@
 import pytest
 from mpi4py import MPI
 
-from headstock.validation.mechanisms.stability_cases import check_contour_stability, check_stability_methods
+from headstock.validation.mechanisms.contouring_cases import check_contour_stability, check_stability_methods
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,10 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.validation.parts.component_models import full_model, full_modes
-from headstock.validation.parts.scipy_models import (
+from headstock.validation.parts.component_models import (
     all_frequencies,
+    full_model,
+    full_modes,
     guyan_matrices,
     held_compliance,
     lowest_frequencies,
