@@ -63,7 +63,7 @@ def test_a_softer_second_road_is_seen(elastic: LeggedTripteor, monkeypatch: pyte
     monkeypatch.setattr(
         tripteor_legs,
         "solve_tripod",
-        lambda legs, platform, frame, count: solve_tripod(legs, platform, (frame[0], 0.99 * frame[1]), count),
+        lambda *parts, frame_stiffness, count: solve_tripod(*parts, frame_stiffness=0.99 * frame_stiffness, count=count),
     )
     assert not np.allclose(frequencies(elastic, "config_1"), solve_beams(elastic, "config_1", 6), rtol=3e-4, atol=0.0)
 

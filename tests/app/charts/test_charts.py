@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from common import sketch
-from headstock.app.charts import comparison, frf, study, sweep
+from headstock.app.charts import charts, comparison, study, sweep
 from headstock.app.charts.charts import draw_responses
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.study import describe_column, draw_study
@@ -38,7 +38,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         found.append(figure)
         return np.zeros((1, 1, 4), dtype=np.uint8)
 
-    for module in (study, comparison, sweep, frf):
+    for module in (study, comparison, sweep, charts):
         monkeypatch.setattr(module, "read_pixels", keep)
     return found
 
