@@ -60,9 +60,10 @@ def solve_symmetric_modes(
     """
     count = len(mass) if wanted is None else min(wanted, len(mass))
     sparse = lowest_sparse_modes(stiffness, mass, count)
-    if sparse is not None and not (_loses_digits_of(stiffness, sparse) and find_null_space(stiffness).dimension):
+    if sparse is not None:
         squares, shapes = sparse
-        return ModalPairs(squares, shapes)
+        if not (loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0])) and find_null_space(stiffness).dimension):
+            return ModalPairs(squares, shapes)
     pairs = _flexibility_modes(stiffness, mass, count, up_to)
     if pairs is None:
         careful = _careful_modes(stiffness, mass, count)
@@ -88,11 +89,9 @@ def _flexibility_modes(stiffness: FloatArray, mass: FloatArray, count: int, up_t
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
     """Whether the lowest modes alone show that the careful path has to take over, which saves the solve of all."""
     few = _few_modes(stiffness, mass, count)
-    return few is None or _loses_digits_of(stiffness, few)
-
-
-def _loses_digits_of(stiffness: FloatArray, pairs: tuple[FloatArray, FloatArray]) -> bool:
-    squares, shapes = pairs
+    if few is None:
+        return True
+    squares, shapes = few
     return loses_digits(stiffness, shapes[:, 0] / np.sqrt(squares[0]))
 
 
