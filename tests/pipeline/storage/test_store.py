@@ -108,7 +108,7 @@ def assert_same_record(first: object, second: object) -> None:
 
 
 @pytest.mark.parametrize("record", [make_mesh(), make_superelement()], ids=["mesh", "superelement"])
-def test_an_entry_comes_back_as_it_went_in(tmp_path: Path, record: object) -> None:
+def test_an_entry_comes_back_as_it_went_in(tmp_path: Path, record: ComponentMesh | Superelement) -> None:
     store = Store(tmp_path)
     assert write_entry(store, KEY, record) is None
     read = read_entry(store, KEY, type(record))
