@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.editor_schema import plain_schema, targets_schema
+from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.key_notes import NOTES
@@ -65,8 +65,8 @@ def test_the_scene_reference_is_up_to_date() -> None:
 
 def test_every_key_of_scenes_and_target_files_has_a_note_and_every_note_a_key() -> None:
     scene, targets = plain_schema(), targets_schema()
-    tables = {**scene["$defs"], **targets["$defs"], "Scene": scene, "Targets": targets}
-    keys = {f"{name.removesuffix('Table')}.{key}" for name, table in tables.items() for key in table.get("properties", {})}
+    tables = {**rules_in(scene, "$defs"), **rules_in(targets, "$defs"), "Scene": scene, "Targets": targets}
+    keys = {f"{name.removesuffix('Table')}.{key}" for name, table in tables.items() for key in rules_in(table, "properties")}
     assert {key for key in keys if not key.startswith("Span.")} ^ set(NOTES) == set()
 
 

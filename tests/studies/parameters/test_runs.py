@@ -21,7 +21,7 @@ from headstock.pipeline.storage.content_keys import file_digests
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.files import TomlValue
+from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily, describe_point, expand_study
@@ -150,7 +150,7 @@ def test_a_scene_that_changes_while_its_study_runs_ends_it_by_name(scene_file: P
 
 def test_measured_forces_are_among_the_files_results_depend_on(tmp_path: Path) -> None:
     (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n")
-    raw = {"analyses": {"contouring": {"forces": "measured.csv"}, "modal": {}}}
+    raw: TomlTable = {"analyses": {"contouring": {"forces": "measured.csv"}, "modal": {}}}
     before = dict(file_digests(tmp_path, raw))
     (tmp_path / "measured.csv").write_text("time,fx,fy,fz\n0,0,0,0\n")
     assert before.keys() == {"measured.csv"}
