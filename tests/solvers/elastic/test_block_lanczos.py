@@ -100,6 +100,7 @@ def test_a_spectrum_without_gaps_is_cut_at_its_widest_soon_after_the_modes_wante
     assert cluster_end(frequencies, 6) == 15
 
 
+@pytest.mark.slow
 def test_of_a_count_no_more_are_found_than_converge_and_the_next_lies_above_its_bound() -> None:
     values = np.concatenate([[1.0, 2.0], 4.0 + 1e-6 * np.arange(2998) ** 1.5])
     start = np.random.default_rng(3).standard_normal((3000, 6))
