@@ -2,14 +2,12 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 
-Json = dict[str, Any]
 type JsonValue = str | float | bool | None | Sequence[JsonValue] | Mapping[str, JsonValue]
 type JsonTable = dict[str, JsonValue]
 
