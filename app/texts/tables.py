@@ -88,7 +88,9 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
     Column(lambda row: row[1]["mass_kg"], "mass [kg]", ">kg", "Mass [kg]"),
     Column(
         lambda row: row[1]["cutoff_hz"],
-        *("modes complete to [Hz]", ">modes to Hz", "Modes complete to [Hz]"),
+        file="modes complete to [Hz]",
+        screen=">modes to Hz",
+        report="Modes complete to [Hz]",
         show=lambda hz: f"{hz:.0f}" if hz else "-",
     ),
     Column(lambda row: row[1]["residual"], "residual", report="Residual", digits=3),
@@ -130,7 +132,9 @@ POLE_COLUMNS: tuple[Column[tuple[int, PoleSummary]], ...] = (
     Column(lambda row: row[0], screen=">no.", report="No."),
     Column(
         lambda row: row[1]["frequency_hz"],
-        *("frequency [Hz]", ">Hz", "Hz"),
+        file="frequency [Hz]",
+        screen=">Hz",
+        report="Hz",
         show=lambda hz: f"{hz:.3f}" if hz else "0",
     ),
     Column(lambda row: row[1]["damping_ratio"], "damping ratio", ">damping", "Damping", show=show_damping),

@@ -1,10 +1,11 @@
 """Schema of a target file: what was measured in which variants and poses, and which scene keys may be fitted to it."""
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading import units
 from headstock.scene.reading.keys import NUMBER
 from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Quantity, UnitError, parse_quantity
@@ -227,6 +228,6 @@ class TargetsTable(StrictTable):
     fit: FitTable = FitTable()
 
 
-def targets_schema() -> dict[str, Any]:
+def targets_schema() -> JsonTable:
     """JSON schema of a target file."""
     return TargetsTable.model_json_schema(mode="validation")

@@ -301,7 +301,13 @@ def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
 
 
 def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
-    """A row for the share of true errors that their estimate covers, and how much too large it is."""
+    """A row for the share of true errors that their estimate covers, and how much too large it is.
+
+    Args:
+        case: Name of the case.
+        name: What was estimated, and of which part.
+        pairs: True and estimated errors, in one unit.
+    """
     given, clear = pairs.given, pairs.clear
     covered = float(np.mean(pairs.true[given] <= pairs.estimated[given] + RESOLVED))
     ratios = pairs.estimated[clear] / pairs.true[clear]
